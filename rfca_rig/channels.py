@@ -1,0 +1,15 @@
+"""The names of what is recorded. Each carries its unit; axes and signs are the sensor's own (z down)."""
+
+SHAFT = ("shaft_angle_rad", "shaft_speed_rad_s", "motor_torque_Nm")
+WRENCH = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
+HINGES = tuple(f"hinge{i}_deg" for i in range(2, 8))
+
+UNITS = {
+    "t_s": "s",
+    "host_s": "s",
+    "shaft_angle_rad": "rad",
+    "shaft_speed_rad_s": "rad/s",
+    "motor_torque_Nm": "N m",
+    **{name: name.split("_")[1].replace("Nm", "N m") for name in WRENCH},
+    **dict.fromkeys(HINGES, "deg"),
+}

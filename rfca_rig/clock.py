@@ -1,0 +1,68 @@
+"""Time is passed in. Nothing else in the package sleeps or reads a clock."""
+
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """What the engine and the drivers wait on."""
+
+    def now_s(self) -> float:
+        """Seconds since the clock was made; never runs backwards."""
+        ...
+
+    def started_at(self) -> datetime:
+        """The moment, with time zone, at which `now_s` was zero."""
+        ...
+
+    def wait_until(self, t_s: float) -> None:
+        """Returns at `now_s() >= t_s`; at once where that has passed."""
+        ...
+
+
+class WallClock:
+    """Real time, for real devices."""
+
+    def __init__(self) -> None:
+        self._started_at = datetime.now(UTC)
+        self._zero_s = time.monotonic()
+
+    def now_s(self) -> float:
+        return time.monotonic() - self._zero_s
+
+    def started_at(self) -> datetime:
+        return self._started_at
+
+    def wait_until(self, t_s: float) -> None:
+        left_s = t_s - self.now_s()
+        if left_s > 0:
+            time.sleep(left_s)
+
+
+class TwinClock:
+    """Time of a simulated rig: passes only while somebody waits, and carries the twins along.
+
+    A run on it never waits for the wall clock and is the same to the last bit every time.
+    """
+
+    def __init__(self) -> None:
+        self._now_s = 0.0
+        self._worlds: list[Callable[[float], None]] = []
+
+    def carry(self, process: Callable[[float], None]) -> None:
+        """`process(t_s)` is called to bring a twin from where it was to `t_s`."""
+        self._worlds.append(process)
+
+    def now_s(self) -> float:
+        return self._now_s
+
+    def started_at(self) -> datetime:
+        return datetime(2000, 1, 1, tzinfo=UTC)
+
+    def wait_until(self, t_s: float) -> None:
+        if t_s > self._now_s:
+            self._now_s = t_s
+            for process in self._worlds:
+                process(t_s)

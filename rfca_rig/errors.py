@@ -1,0 +1,41 @@
+"""Every error a user can meet. One line each: what, where, the limit, what to do next.
+
+RigError                    exit code 1: the work could not be done
+├── BadInput                exit code 2: a file, an option or a plan is not usable; nothing was changed
+├── DeviceError             exit code 1: a motor or sensor did not do what was asked
+├── SimulationFailed        exit code 1: the model could not be computed for these values
+├── Tripped                 exit code 3: a limit stopped the motion
+└── Stopped                 exit code 130: the operator stopped the run
+"""
+
+
+class RigError(Exception):
+    """Base of all errors that are reported to a user in one line."""
+
+    exit_code = 1
+
+
+class BadInput(RigError):
+    """Something the user wrote cannot be used. Names the file, line and column where there are any."""
+
+    exit_code = 2
+
+
+class DeviceError(RigError):
+    """A device did not answer, refused, or reported an error of its own."""
+
+
+class SimulationFailed(RigError):
+    """The integrator gave up; the message says when in the stroke, and with which values."""
+
+
+class Tripped(RigError):
+    """A measured value passed its limit. The motor is off; what was recorded until then is kept."""
+
+    exit_code = 3
+
+
+class Stopped(RigError):
+    """The operator asked for a stop. The motor is off; what was recorded until then is kept."""
+
+    exit_code = 130
