@@ -1,0 +1,69 @@
+"""Prescribed motion of the shaft: the commanded ramp, or a recorded turn followed smoothly."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ShaftMotion:
+    """A piecewise cubic shaft angle.
+
+    `breaks_s` (m + 1,) starts the pieces and ends the last; `coefficients` (m, 4) are angle, speed, half the acceleration and
+    a sixth of the jerk at each start. `landings_s` are moments where the acceleration jumps, on which a step must end.
+    """
+
+    breaks_s: Floats
+    coefficients: Floats
+    landings_s: Floats
+
+    def angle_rad(self, t_s: Floats) -> Floats:
+        """Angle at the times `t_s`, of the same shape."""
+        i = np.clip(np.searchsorted(self.breaks_s, t_s) - 1, 0, len(self.coefficients) - 1)
+        x = t_s - self.breaks_s[i]
+        c = self.coefficients[i].T
+        return np.asarray(c[0] + x * (c[1] + x * (c[2] + x * c[3])))
+
+
+def ramp_to_speed(start_angle_rad: float, speed_rad_s: float, ramp_s: float, end_s: float) -> ShaftMotion:
+    """Rest until t = 0, then linearly to `speed_rad_s` within `ramp_s`, then constant speed."""
+    ramped_rad = start_angle_rad + 0.5 * speed_rad_s * ramp_s
+    return ShaftMotion(
+        breaks_s=np.array([-1.0, 0.0, ramp_s, max(end_s, 2.0 * ramp_s)]),
+        coefficients=np.array(
+            [
+                [start_angle_rad, 0.0, 0.0, 0.0],
+                [start_angle_rad, 0.0, 0.5 * speed_rad_s / ramp_s, 0.0],
+                [ramped_rad, speed_rad_s, 0.0, 0.0],
+            ]
+        ),
+        landings_s=np.array([0.0, ramp_s]),
+    )
+
+
+KNOT_SPACING_S = 0.02  # wide against encoder noise, narrow against a drive that sags over a tenth of a second
+
+
+def follow(t_s: Floats, angle_rad: Floats) -> ShaftMotion:
+    """A recorded shaft angle as least-squares cubic spline, so that encoder noise does not become acceleration.
+
+    `t_s` (m,) ascending, `angle_rad` (m,). Features shorter than two knots (40 ms) are averaged out. The knots next to t = 0
+    stand closer, because the ramp begins there.
+    """
+    from scipy.interpolate import PPoly, make_lsq_spline  # noqa: PLC0415  (0.4 s that a plain prediction need not pay)
+
+    count = max(int((t_s[-1] - t_s[0]) / KNOT_SPACING_S), 2)
+    inner = np.linspace(t_s[0], t_s[-1], count + 1)[1:-1]
+    inner = np.unique(np.concatenate([inner[np.abs(inner) > 0.5 * KNOT_SPACING_S], [-0.005, 0.0, 0.005]]))
+    inner = inner[(inner > t_s[0]) & (inner < t_s[-1])]
+    knots = np.concatenate([np.full(4, t_s[0]), inner, np.full(4, t_s[-1])])
+    piecewise = PPoly.from_spline(make_lsq_spline(t_s, angle_rad, knots, k=3))
+    keep = np.diff(piecewise.x) > 0
+    return ShaftMotion(
+        breaks_s=np.concatenate([piecewise.x[:-1][keep], piecewise.x[-1:]]),
+        coefficients=np.ascontiguousarray(piecewise.c[::-1, keep].T),
+        landings_s=np.array([0.0]),
+    )

@@ -1,0 +1,60 @@
+"""What the model believes of a rig: leg, ground, sensor mount, drive. SI units, frozen."""
+
+from dataclasses import dataclass
+
+GRAVITY_M_S2 = 9.81
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A chain of straight uniform links; hinge torque k0 phi + k0 k2 phi^3 + c dphi/dt (paper-style hardening spring).
+
+    `start_angle_rad` is where a stroke begins, measured from the horizontal, positive downwards.
+    """
+
+    link_lengths_m: tuple[float, ...]
+    link_masses_kg: tuple[float, ...]
+    link_radius_m: float
+    k0_Nm_per_rad: float
+    k2_per_rad2: float
+    hinge_damping_Nm_s_per_rad: float
+    start_angle_rad: float
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A level floor: normal force stiffness * depth^1.5 * (1 + damping * approach speed), Coulomb friction with stick.
+
+    The tangential pair is the floor's own: `grip` is the stiffness that holds a sticking point at its anchor, `drag` a small
+    viscous share that acts on every touching point beside the Coulomb force.
+    """
+
+    stiffness_N_per_m1p5: float
+    damping_s_per_m: float
+    friction_coefficient: float
+    grip_N_per_m: float
+    drag_N_s_per_m: float
+
+
+@dataclass(frozen=True)
+class SensorMount:
+    """Where the force sensor sits: tx = shaft torque + below_shaft * fy."""
+
+    below_shaft_m: float
+
+
+@dataclass(frozen=True)
+class Drive:
+    """How the commanded speed is reached: linearly from rest within `ramp_s`."""
+
+    ramp_s: float
+
+
+@dataclass(frozen=True)
+class RigModel:
+    """One rig as the model sees it."""
+
+    leg: Leg
+    ground: Ground
+    sensor: SensorMount
+    drive: Drive

@@ -1,0 +1,88 @@
+"""The one form every recording takes, whether a twin, a real rig or a file from elsewhere made it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Source = Literal["SIM", "REAL", "IMPORT"]
+Direction = Literal["loading", "unloading"]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One recorded quantity as the device gave it; its value in `unit` is raw * conversion + offset."""
+
+    raw: NDArray[Any]
+    unit: str
+    conversion: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def values(self) -> Floats:
+        """The quantity in its unit, shape (m,)."""
+        return self.raw.astype(np.float64) * self.conversion + self.offset
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Columns that share one time base. `t_s` (m,) comes from the device's sample counter; 0 is the commanded start."""
+
+    t_s: Floats
+    columns: Mapping[str, Column]
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """One flap at one condition. Streams are named for their device: "shaft" and "force", or "table" where one file held all."""
+
+    height_m: float
+    speed_rad_s: float
+    repeat: int
+    streams: Mapping[str, Stream]
+
+    def channel(self, name: str) -> tuple[Floats, Floats] | None:
+        """(t_s, values) of a channel by its name in `channels`, or None where it was not recorded."""
+        for stream in self.streams.values():
+            if name in stream.columns:
+                return stream.t_s, stream.columns[name].values
+        return None
+
+
+@dataclass(frozen=True)
+class StaticStage:
+    """One settled stage of the static experiment: means after settling. `hinge_deg` (6,) is NaN where no camera looked.
+
+    `settled` is None where the recording does not say.
+    """
+
+    height_m: float
+    stage: int
+    direction: Direction
+    shaft_angle_rad: float
+    hinge_deg: tuple[float, ...]
+    fy_N: float
+    fz_N: float
+    tx_Nm: float
+    std: Mapping[str, float] = field(default_factory=dict)
+    settled: bool | None = None
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Everything one run or one campaign recorded.
+
+    `believed` holds the sections leg, ground, sensor, drive of the model as it was believed, `known_to` one standard deviation
+    of each believed value, both as plain data in the file's own units. `provenance` is text by name (versions, seed, plan ...).
+    """
+
+    title: str
+    source: Source
+    believed: Mapping[str, Any]
+    known_to: Mapping[str, Any]
+    strokes: tuple[Stroke, ...]
+    static: tuple[StaticStage, ...]
+    provenance: Mapping[str, str] = field(default_factory=dict)
