@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.model.state import Shaft
+
 Floats = NDArray[np.float64]
 
 
@@ -26,6 +28,10 @@ class ShaftMotion:
         x = t_s - self.breaks_s[i]
         c = self.coefficients[i].T
         return np.asarray(c[0] + x * (c[1] + x * (c[2] + x * c[3])))
+
+    def shaft(self) -> Shaft:
+        """The same for the compiled chain: a shaft that does what it is told, whatever the load."""
+        return Shaft(self.breaks_s, self.coefficients, self.landings_s, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def ramp_to_speed(start_angle_rad: float, speed_rad_s: float, ramp_s: float, end_s: float) -> ShaftMotion:

@@ -1,0 +1,44 @@
+"""Compiles a function, and keeps the result on disk for the next process.
+
+The compiler's own cache notices an edit only in the file of the function itself, not in the files it calls. Here the cache
+folder is named after the content of the whole room, so an edited or upgraded package never runs stale machine code.
+"""
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., object])
+
+_settings = cast(Any, numba.config)
+
+
+def cache_folder() -> str:
+    """Where compiled code of this very source is kept; NUMBA_CACHE_DIR decides the parent where it is set."""
+    content = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        content.update(source.read_bytes())
+    parent = os.environ.get("NUMBA_CACHE_DIR") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rfca-rig"
+    return str(Path(parent) / f"compiled-{content.hexdigest()[:16]}")
+
+
+CACHE_FOLDER = cache_folder()
+
+
+def is_warm() -> bool:
+    """Whether an earlier process has left compiled code of this source; without it the first stroke takes some ten seconds."""
+    return Path(CACHE_FOLDER).is_dir()
+
+
+def compiled(function: Function) -> Function:
+    """`function` as machine code; releases the interpreter lock, so threads run it side by side."""
+    others = _settings.CACHE_DIR
+    _settings.CACHE_DIR = CACHE_FOLDER
+    try:
+        return cast(Function, numba.njit(cache=True, nogil=True)(function))
+    finally:
+        _settings.CACHE_DIR = others

@@ -1,0 +1,40 @@
+"""What turns the shaft, and the row of the equations it closes. Symbols as in `state`."""
+
+import numpy as np
+
+from rfca_rig.model.compiled import compiled
+from rfca_rig.model.state import Floats, Shaft
+
+
+@compiled
+def shaft_at(shaft: Shaft, t: float) -> tuple[float, float, float]:
+    """(angle, speed, acceleration) of the prescribed shaft; at a break the piece that ends there counts."""
+    i = min(max(np.searchsorted(shaft.breaks, t) - 1, 0), shaft.coefficient.shape[0] - 1)
+    c, x = shaft.coefficient[i], t - shaft.breaks[i]
+    return (
+        c[0] + x * (c[1] + x * (c[2] + x * c[3])),
+        c[1] + x * (2.0 * c[2] + x * 3.0 * c[3]),
+        2.0 * c[2] + 6.0 * c[3] * x,
+    )
+
+
+@compiled
+def close_shaft_row(shaft: Shaft, q: Floats, w: Floats, a: Floats, g: float, R: Floats, J: Floats) -> None:
+    """Row 0, eq. (16): a known acceleration takes the place of the unknown one, or a torque drives the rotor."""
+    if not shaft.free:
+        R[0] = 0.0
+        J[0, :] = 0.0
+        J[0, 0] = 1.0
+        return
+    R[0] += shaft.rotor * a[0] - shaft.feed - shaft.k_angle * (shaft.angle - q[0]) - shaft.k_speed * (shaft.speed - w[0])
+    J[0, 0] += shaft.rotor + g * shaft.k_speed + g * g * shaft.k_angle
+
+
+@compiled
+def place(shaft: Shaft, t: float, base_q: Floats, base_w: Floats, g: float, q: Floats, w: Floats, a: Floats) -> None:
+    """q and w of a stage from its acceleration; a prescribed shaft is where it is told to be."""
+    for i in range(q.size):
+        w[i] = base_w[i] + g * a[i]
+        q[i] = base_q[i] + g * w[i]
+    if not shaft.free:
+        q[0], w[0], a[0] = shaft_at(shaft, t)
