@@ -1,0 +1,1 @@
+"""Bytes on the wires of the devices: pure functions both ways."""

@@ -1,0 +1,1 @@
+"""The form of a recording, and how it is kept on disk."""

@@ -19,6 +19,14 @@ class ShaftDrive:
     speed_gain_Nm_s_per_rad: float = 0.0
     speed_rad_s: float = 0.0
 
+    def torque_Nm(self, angle_rad: float, speed_rad_s: float) -> float:
+        """The torque on a shaft that stands at that angle and turns at that speed."""
+        return (
+            self.feed_Nm
+            + self.angle_gain_Nm_per_rad * (self.angle_rad - angle_rad)
+            + self.speed_gain_Nm_s_per_rad * (self.speed_rad_s - speed_rad_s)
+        )
+
 
 @dataclass(frozen=True)
 class ShaftState:

@@ -1,0 +1,84 @@
+"""The model's stroke to set beside a measured one: same height, same motion of the shaft as far as it is known."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.phases import Refused
+from rfca_rig.analysis.repeats import Condition
+from rfca_rig.analysis.shaft_speed import average_speed
+from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed, stroke_following
+from rfca_rig.recording.form import Stroke
+
+Floats = NDArray[np.float64]
+Shaft = Literal["commanded", "average", "recorded"]
+
+GRID_S = 5e-4
+REST_SHOWN_S = 0.1
+LONGER = 1.3  # a model that reaches its valley later than the leg did must be given the time to
+
+
+@dataclass(frozen=True)
+class Counterpart:
+    """One simulated stroke, the shaft speed it was given (the mean where a recorded turn was followed), and its valley."""
+
+    shaft_speed_rad_s: float
+    shaft_taken_from: str
+    stroke: SimulatedStroke
+    valley: Valley | Refused
+
+
+def counterparts(rig: RigModel, condition: Condition, shaft: Shaft) -> tuple[Counterpart, ...]:
+    """One stroke for all repeats; with `shaft` "recorded" one for each repeat, in their order.
+
+    "commanded" turns the shaft at the condition's speed, "average" at the mean over the repeats of their average speeds, as the paper
+    does, both from the believed start angle; "recorded" follows each repeat's own shaft angle. Raises SimulationFailed.
+    """
+    if shaft == "recorded":
+        return tuple(_following(rig, condition, stroke) for stroke in condition.strokes)
+    speed_rad_s, taken_from = condition.speed_rad_s, "command"
+    if shaft == "average":
+        averages = [average_speed(stroke, rig.drive.ramp_s) for stroke in condition.strokes]
+        speed_rad_s = float(np.mean([a.speed_rad_s for a in averages]))
+        taken_from = " and ".join(sorted({a.taken_from for a in averages}))
+    end_s = LONGER * max(_last_moment_s(stroke) for stroke in condition.strokes)
+    simulated = stroke_at_speed(rig, condition.height_m, speed_rad_s, _grid(end_s))
+    return (_counterpart(speed_rad_s, taken_from, simulated),)
+
+
+def _following(rig: RigModel, condition: Condition, stroke: Stroke) -> Counterpart:
+    average = average_speed(stroke, rig.drive.ramp_s)
+    motion = _recorded_motion(rig, stroke)
+    end_s = min(float(motion.breaks_s[-1]), _last_moment_s(stroke))
+    simulated = stroke_following(rig, condition.height_m, motion, _grid(end_s))
+    return _counterpart(average.speed_rad_s, average.taken_from, simulated)
+
+
+def _recorded_motion(rig: RigModel, stroke: Stroke) -> ShaftMotion:
+    """The shaft's angle where it was recorded; else its speed, summed up from the believed start angle; else the command."""
+    angle, speed = stroke.channel("shaft_angle_rad"), stroke.channel("shaft_speed_rad_s")
+    if angle is not None:
+        return follow(*angle)
+    start_rad = rig.leg.start_angle_rad
+    if speed is None:
+        return ramp_to_speed(start_rad, stroke.speed_rad_s, rig.drive.ramp_s, _last_moment_s(stroke))
+    t_s, speed_rad_s = speed
+    turned = np.concatenate([[0.0], np.cumsum(0.5 * (speed_rad_s[1:] + speed_rad_s[:-1]) * np.diff(t_s))])
+    return follow(t_s, start_rad + turned - float(np.interp(0.0, t_s, turned)))
+
+
+def _counterpart(speed_rad_s: float, taken_from: str, simulated: SimulatedStroke) -> Counterpart:
+    return Counterpart(speed_rad_s, taken_from, simulated, find_valley(simulated.t_s, simulated.fz_N))
+
+
+def _last_moment_s(stroke: Stroke) -> float:
+    return max(float(stream.t_s[-1]) for stream in stroke.streams.values())
+
+
+def _grid(end_s: float) -> Floats:
+    return GRID_S * np.arange(-round(REST_SHOWN_S / GRID_S), int(end_s / GRID_S) + 1, dtype=np.float64)

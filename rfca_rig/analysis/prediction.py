@@ -1,0 +1,78 @@
+"""What the model expects of one stroke, as figures a lab plans with."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.errors import BadInput
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed
+
+SAMPLE_S = 1e-3
+BEFORE_S = 0.1
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """One predicted stroke and its condition."""
+
+    height_m: float
+    speed_rad_s: float
+    stroke: SimulatedStroke
+
+    def summary(self) -> dict[str, float | str | None]:
+        """The figures by name, each with its unit; `no_valley` says why there is none."""
+        stroke = self.stroke
+        valley = find_valley(stroke.t_s, stroke.fz_N)
+        found = valley if isinstance(valley, Valley) else None
+        force = np.hypot(stroke.fy_N, stroke.fz_N)
+        return {
+            "height_mm": round(1e3 * self.height_m, 6),
+            "speed_rad_s": self.speed_rad_s,
+            "valley_time_s": None if found is None else round(found.time_s, 5),
+            "valley_fz_N": None if found is None else round(found.fz_N, 4),
+            "no_valley": None if isinstance(valley, Valley) else valley.reason,
+            "peak_force_N": round(float(force.max()), 3),
+            "peak_force_time_s": round(float(stroke.t_s[force.argmax()]), 4),
+            "peak_shaft_torque_Nm": round(float(np.abs(stroke.shaft_torque_Nm).max()), 4),
+            "touches_from_s": _touch_s(stroke),
+        }
+
+    def lines(self) -> list[str]:
+        """The same for a person."""
+        found = self.summary()
+        valley = (
+            f"no valley: {found['no_valley']}"
+            if found["no_valley"]
+            else f"valley at {found['valley_time_s']:.3f} s, fz {found['valley_fz_N']:.2f} N"
+        )
+        touch = "never touches the ground" if found["touches_from_s"] is None else f"touches from {found['touches_from_s']:.3f} s"
+        return [
+            f"{found['height_mm']:g} mm, {self.speed_rad_s:g} rad/s: {touch}, {valley}",
+            f"peak force {found['peak_force_N']:.1f} N at {found['peak_force_time_s']:.3f} s, "
+            f"peak shaft torque {found['peak_shaft_torque_Nm']:.2f} N m",
+        ]
+
+
+def _touch_s(stroke: SimulatedStroke) -> float | None:
+    touching = stroke.normal_N.sum(axis=1) > 0.0
+    return round(float(stroke.t_s[touching.argmax()]), 4) if touching.any() else None
+
+
+def predict_stroke(rig: RigModel, height_m: float, speed_rad_s: float, sweep_deg: float) -> Prediction:
+    """A stroke from the start angle over `sweep_deg` at constant speed, sampled at 1 kHz."""
+    end_s = float(np.radians(sweep_deg)) / speed_rad_s + 0.5 * rig.drive.ramp_s
+    t_s = np.arange(-round(BEFORE_S / SAMPLE_S), max(int(end_s / SAMPLE_S), 1) + 1) * SAMPLE_S
+    return Prediction(height_m, speed_rad_s, stroke_at_speed(rig, height_m, speed_rad_s, t_s))
+
+
+def write_csv(stroke: SimulatedStroke, path: Path) -> None:
+    """The stroke with the column names of a campaign's dynamic CSV, so that it can be read back as one."""
+    names = "t_s,shaft_angle_rad,motor_torque_Nm,fy_N,fz_N,tx_Nm"
+    columns = [stroke.t_s, stroke.shaft_angle_rad, stroke.shaft_torque_Nm, stroke.fy_N, stroke.fz_N, stroke.tx_Nm]
+    try:
+        np.savetxt(path, np.column_stack(columns), fmt="%.6g", delimiter=",", header=names, comments="")
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written: {error.strerror}") from None

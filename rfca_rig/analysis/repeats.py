@@ -1,0 +1,49 @@
+"""Strokes of one condition taken together, and what is said of their values as a set."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rfca_rig.recording.form import Stroke
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One height and one commanded speed, with its strokes in the order of their repeats."""
+
+    height_m: float
+    speed_rad_s: float
+    strokes: tuple[Stroke, ...]
+
+    @property
+    def label(self) -> str:
+        """As in "215 mm, 2.433 rad/s"."""
+        return f"{1e3 * self.height_m:g} mm, {self.speed_rad_s:g} rad/s"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Mean and sample standard deviation (n - 1) of `count` values; None where there are too few."""
+
+    mean: float | None
+    std: float | None
+    count: int
+
+
+def conditions_of(strokes: Iterable[Stroke]) -> tuple[Condition, ...]:
+    """Groups by height and commanded speed, sorted by them; heights within 0.05 mm and speeds within 0.0005 rad/s are one."""
+    groups: dict[tuple[float, float], list[Stroke]] = {}
+    for stroke in strokes:
+        groups.setdefault((round(stroke.height_m, 4), round(stroke.speed_rad_s, 3)), []).append(stroke)
+    return tuple(
+        Condition(height_m, speed_rad_s, tuple(sorted(group, key=lambda s: s.repeat)))
+        for (height_m, speed_rad_s), group in sorted(groups.items())
+    )
+
+
+def spread_of(values: Sequence[float]) -> Spread:
+    """Mean and spread of repeats."""
+    mean = float(np.mean(values)) if values else None
+    std = float(np.std(values, ddof=1)) if len(values) > 1 else None
+    return Spread(mean, std, len(values))

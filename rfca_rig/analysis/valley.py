@@ -1,0 +1,99 @@
+"""The valley of a stroke: the most negative fz of the contact, after touchdown and before lift-off, and its time.
+
+A plain minimum over the recording is not it: the spike of touchdown and the whip after lift-off can be deeper. Measured and simulated
+strokes go through the same estimator, so that what smoothing does to one it does to the other.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.local_fit import LocalFit, local_quadratic
+from rfca_rig.analysis.phases import (
+    PRESSING_DEPTH,
+    SMOOTHING_S,
+    TOUCHDOWN_LASTS_S,
+    Contact,
+    Refused,
+    StrokePhases,
+    find_contact,
+    smoothed,
+)
+from rfca_rig.recording.form import Stroke
+
+Floats = NDArray[np.float64]
+
+SHORTEST_S = 2.0 * SMOOTHING_S
+
+
+@dataclass(frozen=True)
+class Valley:
+    """Time from the commanded start and fz, which is negative where the ground pushes the leg up."""
+
+    time_s: float
+    fz_N: float
+
+
+def find_valley(t_s: Floats, fz_N: Floats) -> Valley | Refused:
+    """The valley of one stroke, or why there is none.
+
+    `t_s` (m,) ascending, from the commanded start, evenly spaced or not, 500 Hz or faster; `fz_N` (m,). Time is where the slope of a
+    parabola over 20 ms vanishes, force the parabola's value there. With 0.15 N of noise at 1 kHz and a valley as sharp as the paper's
+    leg has, the time is good to about 1 ms and the force to 0.05 N.
+    """
+    valley, _ = valley_and_phases(t_s, fz_N)
+    return valley
+
+
+def stroke_valley(stroke: Stroke) -> Valley | Refused:
+    """The valley of a recorded stroke."""
+    trace = stroke.channel("fz_N")
+    return Refused("fz was not recorded") if trace is None else find_valley(*trace)
+
+
+def valley_and_phases(t_s: Floats, fz_N: Floats) -> tuple[Valley | Refused, StrokePhases]:
+    """The valley with the phases it divides; a phase that was not reached begins at infinity."""
+    recorded_s = float(t_s[-1] - t_s[0]) if len(t_s) else 0.0
+    if recorded_s < SHORTEST_S:
+        return Refused(f"fz was recorded for {recorded_s:.3f} s only; a stroke needs {SHORTEST_S:g} s at least"), StrokePhases()
+    smooth = smoothed(t_s, fz_N)
+    contact = find_contact(t_s, fz_N, smooth)
+    if isinstance(contact, Refused):
+        return contact, StrokePhases()
+    valley = _valley_within(t_s, fz_N, smooth, contact)
+    valley_s = np.inf if isinstance(valley, Refused) else valley.time_s
+    return valley, StrokePhases(contact.touchdown_s, valley_s, contact.lift_off_s)
+
+
+def _valley_within(t_s: Floats, fz_N: Floats, smooth: LocalFit, contact: Contact) -> Valley | Refused:
+    begin_s = contact.touchdown_s + TOUCHDOWN_LASTS_S
+    window = np.flatnonzero((smooth.t_s >= begin_s) & (smooth.t_s < contact.lift_off_s))
+    if len(window) < 3:
+        return Refused(f"contact at {contact.touchdown_s:.3f} s lasts less than touchdown, {1e3 * TOUCHDOWN_LASTS_S:.0f} ms")
+    lowest = int(window[smooth.value[window].argmin()])
+    refusal = _at_an_edge(smooth, window, lowest, contact)
+    return refusal or _where_slope_vanishes(t_s, fz_N, smooth, lowest)
+
+
+def _at_an_edge(smooth: LocalFit, window: NDArray[np.intp], lowest: int, contact: Contact) -> Refused | None:
+    """A minimum at a border of the window is the border's doing. Towards the end the force must have risen visibly again."""
+    time_s, fz_N = smooth.t_s[lowest], smooth.value[lowest]
+    if time_s - smooth.t_s[window[0]] < 0.5 * SMOOTHING_S:
+        return Refused(f"fz is lowest, {fz_N:.1f} N, right after touchdown at {contact.touchdown_s:.3f} s: the spike outweighs the loading")
+    risen_N = smooth.value[window[-1]] - fz_N
+    if not np.isfinite(contact.lift_off_s) and risen_N < PRESSING_DEPTH * (contact.rest_N - fz_N):
+        return Refused(f"fz still falls, {fz_N:.1f} N at {time_s:.3f} s, where the recording ends: record longer")
+    return None
+
+
+def _where_slope_vanishes(t_s: Floats, fz_N: Floats, smooth: LocalFit, lowest: int) -> Valley | Refused:
+    near = slice(max(lowest - 15, 0), lowest + 17)
+    time, slope = smooth.t_s[near], smooth.slope[near]
+    rising = np.flatnonzero((slope[:-1] <= 0.0) & (slope[1:] > 0.0))
+    if not len(rising):
+        return Refused(f"fz has no rounded minimum near {smooth.t_s[lowest]:.3f} s")
+    i = int(rising[np.abs(time[rising] - smooth.t_s[lowest]).argmin()])
+    time_s = float(time[i] - slope[i] * (time[i + 1] - time[i]) / (slope[i + 1] - slope[i]))
+    fit = local_quadratic(t_s, fz_N, np.array([time_s]), SMOOTHING_S)
+    return Valley(time_s, float(fit.value[0]))

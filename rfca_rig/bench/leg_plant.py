@@ -1,0 +1,94 @@
+"""The mechanics behind the twins: the model's chain, its shaft turned by whatever torque the motor twin gives."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.model.chain import Tolerance, advance, at_rest, chain_of, room_for
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.state import Chain, Shaft, State
+from rfca_rig.twins.plant import ShaftDrive, ShaftState
+
+Floats = NDArray[np.float64]
+
+IN_THE_AIR_S = 0.2  # longer than a bounce: the next touch is a new one
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Standard deviations of what differs from repeat to repeat: floor friction at each touchdown, height at each setting."""
+
+    friction: float = 0.0
+    height_m: float = 0.0
+
+
+@dataclass
+class LegPlant:
+    """Implements twins.plant.Plant. `rotor_inertia_kg_m2` is the drive's, at the shaft; `random` decides the scatter."""
+
+    rig: RigModel
+    height_m: float
+    shaft_angle_rad: float
+    rotor_inertia_kg_m2: float
+    scatter: Scatter
+    random: np.random.Generator
+    _now_s: float = 0.0
+    _step_s: float = 1e-4
+    _airborne_s: float = 0.0
+    _chain: Chain = field(init=False)
+    _state: State = field(init=False)
+    _torque_Nm: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._chain = chain_of(self.rig, self.height_m)
+        self._state = at_rest(self._chain, self.shaft_angle_rad)
+
+    def advance(self, to_s: float, drive: ShaftDrive, force_times_s: Floats) -> Floats:
+        """Moves on to `to_s`; returns the wrench (m, 6) at `force_times_s`, out-of-plane components zero."""
+        samples = room_for(force_times_s, self._state.q.size)
+        cost = advance(self._chain, self._shaft(drive), self._state, (self._now_s, to_s), self._step_s, Tolerance(), samples)
+        self._step_s = cost.next_s
+        self._notice_touchdown(to_s - self._now_s)
+        self._now_s = to_s
+        self._torque_Nm = drive.torque_Nm(float(self._state.q[0]), float(self._state.w[0]))
+        return self._wrench(samples.force)
+
+    def _shaft(self, drive: ShaftDrive) -> Shaft:
+        nothing = np.empty(0)
+        return Shaft(
+            breaks=nothing,
+            coefficient=np.empty((0, 4)),
+            landings=nothing,
+            free=True,
+            rotor=self.rotor_inertia_kg_m2,
+            feed=drive.feed_Nm,
+            k_angle=drive.angle_gain_Nm_per_rad,
+            angle=drive.angle_rad,
+            k_speed=drive.speed_gain_Nm_s_per_rad,
+            speed=drive.speed_rad_s,
+        )
+
+    def _wrench(self, force: Floats) -> Floats:
+        wrench = np.zeros((len(force), 6))
+        wrench[:, 1:3] = force[:, :2]
+        wrench[:, 3] = force[:, 2] + self.rig.sensor.below_shaft_m * force[:, 0]
+        return wrench
+
+    def _notice_touchdown(self, elapsed_s: float) -> None:
+        depth = np.cumsum(self._chain.length * np.sin(self._state.q)) + self._chain.radius
+        if depth.max() < self._chain.ground_depth:
+            self._airborne_s += elapsed_s
+        elif self._airborne_s > IN_THE_AIR_S:
+            self._airborne_s = 0.0
+            friction = self.rig.ground.friction_coefficient + self.scatter.friction * self.random.standard_normal()
+            self._chain = self._chain._replace(mu=max(friction, 0.0))
+
+    def shaft(self) -> ShaftState:
+        return ShaftState(float(self._state.q[0]), float(self._state.w[0]), self._torque_Nm)
+
+    def set_height(self, height_m: float) -> None:
+        """Within the scatter of a hand on the lead screws; the leg hangs anew, at rest."""
+        self.height_m = height_m + self.scatter.height_m * self.random.standard_normal()
+        self._chain = chain_of(self.rig, self.height_m)._replace(mu=self._chain.mu)
+        self._state = at_rest(self._chain, float(self._state.q[0]))

@@ -1,0 +1,20 @@
+"""What sets the rack's height: a hand on the lead screws, or a twin."""
+
+from rfca_rig.twins.plant import Plant
+
+
+class HandRack:
+    """Asks a person, and waits; the engine has taken the torque off the motor before."""
+
+    def set_height(self, height_m: float) -> None:
+        input(f"REAL motor off. Set the rack to {1e3 * height_m:.1f} mm, clear the leg, then press Enter ")
+
+
+class TwinRack:
+    """Moves at once."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant
+
+    def set_height(self, height_m: float) -> None:
+        self._plant.set_height(height_m)

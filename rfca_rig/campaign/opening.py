@@ -1,0 +1,43 @@
+"""Opens whatever a user may point at: a campaign, an imported campaign, a run, or a recording file."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rfca_rig.campaign.layout import FILE_NAME
+from rfca_rig.campaign.reading import read_campaign
+from rfca_rig.errors import BadInput
+from rfca_rig.recording.form import Recording
+from rfca_rig.recording.run_file import partial_of, read_partial
+from rfca_rig.recording.store import read_recording
+
+RECORDING_NAME = "run.h5"
+
+
+def open_recordings(paths: Sequence[Path]) -> list[Recording]:
+    """The recordings at `paths`, in their order.
+
+    Each is a folder with campaign.toml, a folder with run.h5 (also of a run that a crash left unfinished), or an .h5 file.
+    Raises BadInput for anything else.
+    """
+    return [_open(path) for path in paths]
+
+
+def _open(path: Path) -> Recording:
+    if path.is_dir():
+        return _open_folder(path)
+    if not path.exists():
+        raise BadInput(f"{path}: is not there")
+    if path.suffix != ".h5":
+        raise BadInput(f"{path}: is not a recording; give a folder with {FILE_NAME} or {RECORDING_NAME}, or an .h5 file")
+    return read_recording(path)
+
+
+def _open_folder(folder: Path) -> Recording:
+    recording = folder / RECORDING_NAME
+    if recording.is_file():
+        return read_recording(recording)
+    if (folder / FILE_NAME).is_file():
+        return read_campaign(folder)
+    if partial_of(recording).is_dir():
+        return read_partial(recording)
+    raise BadInput(f"{folder}: holds neither {FILE_NAME} nor {RECORDING_NAME}, so it is no campaign and no run")

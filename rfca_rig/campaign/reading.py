@@ -1,0 +1,105 @@
+"""Reads a campaign folder of `rfca-campaign/1` into a recording."""
+
+import difflib
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rfca_rig.campaign.dynamic import read_stroke
+from rfca_rig.campaign.layout import FILE_NAME, FORMAT, CampaignFile, DynamicRun
+from rfca_rig.campaign.static import Extra, read_stages
+from rfca_rig.description.sections import RigSections
+from rfca_rig.description.toml import place_of, read_text, read_toml
+from rfca_rig.errors import BadInput
+from rfca_rig.recording.form import Recording, StaticStage, Stroke
+
+
+def read_campaign(folder: Path) -> Recording:
+    """The campaign in `folder`, its strokes and stages in the order of campaign.toml. Nothing is written.
+
+    Raises BadInput, one line naming file, line and column, for the first thing that cannot be used as it stands.
+    """
+    path = folder / FILE_NAME
+    if not path.is_file():
+        raise BadInput(f"{path}: is not there; a campaign is a folder with {FILE_NAME} and CSV files")
+    campaign = read_toml(path, CampaignFile)
+    _check_files(folder, campaign)
+    _check_conditions(path, campaign)
+    static, extra = _stages(folder, campaign)
+    return Recording(
+        title=campaign.title,
+        source="IMPORT",
+        believed=_believed(campaign),
+        known_to=campaign.known_to.model_dump(mode="json", exclude_unset=True),
+        strokes=_strokes(folder, campaign),
+        static=static,
+        provenance=_provenance(folder, campaign, extra),
+    )
+
+
+def _strokes(folder: Path, campaign: CampaignFile) -> tuple[Stroke, ...]:
+    return tuple(read_stroke(folder / run.file, run) for _, run in campaign.dynamic())
+
+
+def _stages(folder: Path, campaign: CampaignFile) -> tuple[tuple[StaticStage, ...], dict[str, Extra]]:
+    tables = {run.file: read_stages(folder / run.file) for _, run in campaign.static()}
+    stages = tuple(stage for found, _ in tables.values() for stage in found)
+    return stages, {file: extra for file, (_, extra) in tables.items() if extra}
+
+
+def _believed(campaign: CampaignFile) -> dict[str, Any]:
+    plain = campaign.model_dump(mode="json", exclude_unset=True)
+    return {name: plain[name] for name in RigSections.model_fields}
+
+
+def _provenance(folder: Path, campaign: CampaignFile, extra: dict[str, Extra]) -> dict[str, str]:
+    """Where the numbers came from: the description word for word, a hash per file, and what has no other place in the form."""
+    hashes = {run.file: hashlib.sha256((folder / run.file).read_bytes()).hexdigest() for run in campaign.runs}
+    found = {"format": FORMAT, FILE_NAME: read_text(folder / FILE_NAME), "sha256": json.dumps(hashes)}
+    if extra:
+        found["static_extra_columns"] = json.dumps(extra, ensure_ascii=False)
+    return found
+
+
+def _check_files(folder: Path, campaign: CampaignFile) -> None:
+    """Every run has a file of its own, and every CSV beside them has a run: one that is left out would be ignored silently."""
+    named: dict[str, int] = {}
+    for place, run in enumerate(campaign.runs):
+        if run.file in named:
+            raise BadInput(f"{_entry(folder, place, 'file')}: {run.file} is already the file of runs[{named[run.file] + 1}]")
+        if not (folder / run.file).is_file():
+            raise BadInput(f"{_entry(folder, place, 'file')}: {folder / run.file} is not there{_hint(folder, campaign, run.file)}")
+        named[run.file] = place
+    left_out = sorted(found for found in _csv_files(folder, campaign) if found not in named)
+    if left_out:
+        more = f" (nor {len(left_out) - 1} more)" if len(left_out) > 1 else ""
+        raise BadInput(f"{folder / left_out[0]}: no run in {FILE_NAME} names it{more}; add a [[runs]] entry or take it away")
+
+
+def _csv_files(folder: Path, campaign: CampaignFile) -> Iterator[str]:
+    folders = {folder / "runs"} | {(folder / run.file).parent for run in campaign.runs}
+    for place in sorted(folders - {folder}):
+        if place.is_dir():
+            yield from (found.relative_to(folder).as_posix() for found in place.iterdir() if found.suffix.lower() == ".csv")
+
+
+def _hint(folder: Path, campaign: CampaignFile, file: str) -> str:
+    unnamed = set(_csv_files(folder, campaign)) - {run.file for run in campaign.runs}
+    close = difflib.get_close_matches(file, sorted(unnamed), n=1, cutoff=0.6)
+    return f"; did you mean {close[0]}?" if close else ""
+
+
+def _check_conditions(path: Path, campaign: CampaignFile) -> None:
+    seen: dict[tuple[float, float, int], tuple[int, DynamicRun]] = {}
+    for place, run in campaign.dynamic():
+        key = (run.height_mm, run.speed_rad_s, run.repeat)
+        if key in seen:
+            before, other = seen[key]
+            raise BadInput(f"{_entry(path.parent, place, 'repeat')}: {run.condition} is already runs[{before + 1}] ({other.file})")
+        seen[key] = (place, run)
+
+
+def _entry(folder: Path, place: int, key: str) -> str:
+    return f"{place_of(folder / FILE_NAME, ('runs', place, key))}: runs[{place + 1}].{key}"

@@ -1,0 +1,67 @@
+"""One static CSV: a settled stage per line."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import cast
+
+from rfca_rig.campaign.columns import STATIC, STATIC_NEEDED, fault_in_names
+from rfca_rig.campaign.table import Table, fault_in_number, read_table, rows
+from rfca_rig.channels import HINGES
+from rfca_rig.errors import BadInput
+from rfca_rig.recording.form import Direction, StaticStage
+
+DIRECTIONS = ("loading", "unloading")
+
+Extra = dict[str, list[str]]
+
+
+def read_stages(path: Path) -> tuple[tuple[StaticStage, ...], Extra]:
+    """The stages in the file, in its order, and its extra columns as text by name.
+
+    Hinge columns may be absent; their angles are NaN then. Raises BadInput, naming file, line and column, for the first fault.
+    """
+    table = read_table(path)
+    if said := fault_in_names(table.names, known=STATIC, needed=STATIC_NEEDED):
+        raise BadInput(f"{table.path}:1: {said}")
+    lines = [dict(zip(table.names, cells, strict=True)) for cells in rows(table)]
+    extra = {name: [cells[name] for cells in lines] for name in table.names if name not in STATIC}
+    return tuple(_stage(table, row, cells) for row, cells in enumerate(lines)), extra
+
+
+def _stage(table: Table, row: int, cells: Mapping[str, str]) -> StaticStage:
+    value = {name: _number(table, row, name, cells[name]) for name in STATIC if name in cells and name != "direction"}
+    return StaticStage(
+        height_m=_positive(table, row, "height_mm", value["height_mm"]) / 1e3,
+        stage=_whole(table, row, "stage", value["stage"]),
+        direction=_direction(table, row, cells["direction"]),
+        shaft_angle_rad=value["shaft_angle_rad"],
+        hinge_deg=tuple(value.get(name, math.nan) for name in HINGES),
+        fy_N=value["fy_N"],
+        fz_N=value["fz_N"],
+        tx_Nm=value["tx_Nm"],
+    )
+
+
+def _number(table: Table, row: int, name: str, cell: str) -> float:
+    if said := fault_in_number(cell):
+        raise table.fault(row, f"column {name}: {said}")
+    return float(cell)
+
+
+def _positive(table: Table, row: int, name: str, value: float) -> float:
+    if value <= 0:
+        raise table.fault(row, f"column {name}: {value:g} should be greater than 0")
+    return value
+
+
+def _whole(table: Table, row: int, name: str, value: float) -> int:
+    if value < 0 or not value.is_integer():
+        raise table.fault(row, f"column {name}: {value:g} should be a whole number, 0 or more")
+    return int(value)
+
+
+def _direction(table: Table, row: int, cell: str) -> Direction:
+    if cell not in DIRECTIONS:
+        raise table.fault(row, f"column direction: {cell!r} should be loading or unloading")
+    return cast(Direction, cell)

@@ -1,0 +1,108 @@
+"""A CSV file as it came, and its cells as numbers. Clean files take a fast path; a slow one only looks for the fault to name."""
+
+import csv
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.description.toml import read_text
+from rfca_rig.errors import BadInput
+
+Floats = NDArray[np.float64]
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+_NOT_A_VALUE = re.compile(r"[+-]?(nan|inf|infinity|n/a|na|#.*)", re.IGNORECASE)
+_SEPARATORS = {";": "';'", "\t": "tabs"}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A comma-separated file: the names in its first line, and the other lines unparsed. Data line i is line i + 2 of the file."""
+
+    path: Path
+    names: tuple[str, ...]
+    lines: tuple[str, ...]
+
+    def fault(self, row: int, said: str) -> BadInput:
+        """The error for data line `row`, from 0."""
+        return BadInput(f"{self.path}:{row + 2}: {said}")
+
+
+def read_table(path: Path) -> Table:
+    """The file's header and lines. Raises BadInput for a file that is missing, empty, not UTF-8 or not comma-separated."""
+    lines = read_text(path).replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    while lines and not lines[-1].strip():
+        lines.pop()
+    if not lines:
+        raise BadInput(f"{path}: is empty; it needs a line of column names and a line per sample")
+    names = _names(path, lines[0])
+    if len(lines) == 1:
+        raise BadInput(f"{path}:1: holds column names and no data")
+    return Table(path, names, tuple(lines[1:]))
+
+
+def _names(path: Path, header: str) -> tuple[str, ...]:
+    for separator, shown in _SEPARATORS.items():
+        if header.count(separator) > header.count(","):
+            raise BadInput(
+                f"{path}:1: columns are separated by {shown}; export it again with commas between columns and a decimal point in numbers"
+            )
+    return tuple(name.strip() for name in next(csv.reader([header])))
+
+
+def numbers(table: Table) -> Floats:
+    """All cells (rows, columns) as finite numbers. Raises BadInput naming line and column of the first that is not one."""
+    values = _all_numbers(table.lines)
+    if values is None or values.shape != (len(table.lines), len(table.names)) or not np.isfinite(values).all():
+        raise _first_fault(table)
+    return values
+
+
+def _all_numbers(lines: Sequence[str]) -> Floats | None:
+    try:
+        return np.loadtxt(lines, delimiter=",", dtype=np.float64, comments=None, quotechar='"', ndmin=2)
+    except ValueError:
+        return None
+
+
+def _first_fault(table: Table) -> BadInput:
+    for row, cells in enumerate(rows(table)):
+        for name, cell in zip(table.names, cells, strict=True):
+            if said := fault_in_number(cell):
+                return table.fault(row, f"column {name}: {said}")
+    return BadInput(f"{table.path}: cannot be read as numbers")
+
+
+def rows(table: Table) -> Iterator[tuple[str, ...]]:
+    """The cells of each data line, as text without blanks around it. Raises BadInput where a line has not one cell per column."""
+    for row, line in enumerate(table.lines):
+        cells = tuple(cell.strip() for cell in next(csv.reader([line]), ()))
+        if len(cells) != len(table.names):
+            raise table.fault(row, _wrong_count(len(cells), len(table.names)))
+        yield cells
+
+
+def _wrong_count(cells: int, columns: int) -> str:
+    if cells == 0:
+        return "the line is empty; remove it"
+    comma = "; do its numbers have a decimal comma? Export it again with a decimal point" if cells == 2 * columns else ""
+    return f"{cells} cells in the line for {columns} columns in the header{comma}"
+
+
+def fault_in_number(cell: str) -> str | None:
+    """What keeps a cell from being a finite number, or None."""
+    if not cell:
+        return "the cell is empty; every cell needs a number (leave out a column that was not measured)"
+    if _DECIMAL_COMMA.fullmatch(cell):
+        return f"{cell} has a decimal comma; export the file again with a decimal point"
+    if _NOT_A_VALUE.fullmatch(cell):
+        return f"{cell} is not a value; every cell needs a finite number"
+    if not _NUMBER.fullmatch(cell):
+        return f"{cell[:30]!r} is not a number"
+    return None if math.isfinite(float(cell)) else f"{cell[:30]} is too large for a number"

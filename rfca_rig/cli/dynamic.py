@@ -1,0 +1,119 @@
+"""rfca-rig dynamic run"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rfca_rig.cli.options import Dry, Json, Rig, Runs, Seed
+
+if TYPE_CHECKING:
+    from rfca_rig.description.protocol_file import DynamicFile
+    from rfca_rig.recording.form import Stroke
+
+app = typer.Typer(help="The dynamic experiment: flap against the ground, record force and shaft over time.", no_args_is_help=True)
+
+
+@app.callback()
+def _group() -> None:
+    """Keeps `run` a command of its own."""
+
+
+@app.command()
+def run(
+    height: Annotated[float | None, typer.Option("--height", metavar="MM", help="Height of the shaft above the ground [mm].")] = None,
+    speed: Annotated[float | None, typer.Option("--speed", metavar="RAD/S", help="Speed of the shaft [rad/s].")] = None,
+    repeats: Annotated[int | None, typer.Option("--repeats", min=1, help="Strokes per condition.")] = None,
+    protocol: Annotated[
+        str, typer.Option("--protocol", metavar="NAME|FILE", help="The protocol: a name in protocols/, or a .toml file.")
+    ] = "flapping",
+    rig: Rig = "twin",
+    report: Annotated[Path | None, typer.Option("--report", metavar="DIR", help="Write the report of this run there as well.")] = None,
+    runs: Runs = Path("runs"),
+    seed: Seed = None,
+    dry_run: Dry = False,
+    as_json: Json = False,
+) -> None:
+    """Flap at one condition (--height and --speed) or at those of a protocol, and record every stroke.
+
+    Example: rfca-rig dynamic run --height 215 --speed 2.433 --repeats 5
+    """
+    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.running import Order, carry_out
+    from rfca_rig.description.protocol_file import read_dynamic
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.description.toml import read_text
+    from rfca_rig.protocol.experiments import flapping_plan
+
+    rig_path, protocol_path = find_file("calibration", rig), find_file("protocols", protocol)
+    rig_file = read_rig(rig_path)
+    asked = _as_asked(read_dynamic(protocol_path), height, speed, repeats)
+    plan = flapping_plan(asked.flapping(), rig_file.facts())
+    order = Order(rig_file, read_text(rig_path), read_text(protocol_path), plan, seed, runs, as_json, dry_run)
+    folder, recorder = carry_out(order, _say_valley)
+    if folder is not None and recorder is not None:
+        _close(order.mark, folder, recorder.strokes, report, as_json)
+
+
+def _as_asked(protocol: "DynamicFile", height_mm: float | None, speed_rad_s: float | None, repeats: int | None) -> "DynamicFile":
+    """The protocol with what the command line replaces."""
+    from rfca_rig.description.protocol_file import ConditionSection, DynamicFile
+    from rfca_rig.description.toml import checked
+    from rfca_rig.errors import BadInput
+
+    if (height_mm is None) != (speed_rad_s is None):
+        raise BadInput("give --height and --speed together; alone, each leaves the other to chance")
+    changes: dict[str, Any] = {} if repeats is None else {"repeats": repeats}
+    if height_mm is not None and speed_rad_s is not None:
+        condition = checked({"height_mm": height_mm, "speed_rad_s": speed_rad_s}, ConditionSection, "--height, --speed")
+        changes |= {"conditions": (condition,), "title": f"{protocol.title} {height_mm:g} mm {speed_rad_s:g} rad per s"}
+    return DynamicFile.model_validate(protocol.model_copy(update=changes).model_dump())
+
+
+def _say_valley(stage: Any, recorder: Any, say: Any) -> None:
+    from rfca_rig.analysis.valley import stroke_valley
+    from rfca_rig.protocol.plan import Flap
+
+    if isinstance(stage, Flap):
+        say(f"{stage.label}: {valley_text(stroke_valley(recorder.strokes[-1]))}")
+
+
+def valley_text(valley: Any) -> str:
+    """A valley, or why there is none, for a line of output."""
+    from rfca_rig.analysis.valley import Valley
+
+    return f"valley ({valley.time_s:.3f} s, {valley.fz_N:.2f} N)" if isinstance(valley, Valley) else f"no valley: {valley.reason}"
+
+
+def _close(mark: str, folder: Path, strokes: "list[Stroke]", report: Path | None, as_json: bool) -> None:
+    """The last lines: where the recording is, and what to type next."""
+    if report is not None:
+        from rfca_rig.cli.reporting import write
+
+        write([folder], report, "average", as_json=False, quiet=as_json)
+    if as_json:
+        _print_json(mark, folder, strokes)
+        return
+    following = f"open {report / 'report.html'}" if report else f"next: rfca-rig report {folder} --out report"
+    typer.echo(f"{mark} recorded {len(strokes)} strokes in {folder}; {following}", err=True)
+
+
+def _print_json(mark: str, folder: Path, strokes: "list[Stroke]") -> None:
+    import json
+
+    from rfca_rig.analysis.valley import Valley, stroke_valley
+
+    rows = []
+    for stroke in strokes:
+        valley = stroke_valley(stroke)
+        found = valley if isinstance(valley, Valley) else None
+        rows.append(
+            {
+                "height_mm": round(1e3 * stroke.height_m, 6),
+                "speed_rad_s": stroke.speed_rad_s,
+                "repeat": stroke.repeat,
+                "valley_time_s": None if found is None else found.time_s,
+                "valley_fz_N": None if found is None else found.fz_N,
+            }
+        )
+    typer.echo(json.dumps({"source": mark, "run": str(folder), "strokes": rows}, indent=1))

@@ -1,0 +1,34 @@
+"""rfca-rig import"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rfca_rig.cli.options import Json
+
+
+def import_folder(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A folder with campaign.toml and its CSV files.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="New folder for the recording; runs/IMPORT-NAME if not given.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Read recordings from elsewhere (format rfca-campaign/1) into the form that report and diagnosis work on.
+
+    Example: rfca-rig import my-campaign
+    """
+    import json
+
+    from rfca_rig.campaign.importing import import_campaign
+    from rfca_rig.recording.store import read_recording
+
+    target = out or Path("runs") / f"IMPORT-{folder.resolve().name}"
+    recording = read_recording(import_campaign(folder, target))
+    if as_json:
+        counted = {"strokes": len(recording.strokes), "static_stages": len(recording.static)}
+        typer.echo(json.dumps({"source": "IMPORT", "run": str(target), "title": recording.title, **counted}, indent=1))
+        return
+    counted_text = f"{len(recording.strokes)} strokes and {len(recording.static)} static stages"
+    typer.echo(f"IMPORT {counted_text} in {target}; next: rfca-rig report {target} --out report", err=True)

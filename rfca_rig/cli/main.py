@@ -1,0 +1,64 @@
+"""The command line: one app, heavy imports inside the commands, one place that turns errors into a line and an exit code."""
+
+import os
+import sys
+from typing import Annotated
+
+import typer
+
+from rfca_rig import __version__
+from rfca_rig.cli import dynamic, importing, predicting, reporting, static
+from rfca_rig.errors import RigError, Stopped
+
+DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
+
+app = typer.Typer(
+    name="rfca-rig",
+    help="Run the static and flapping experiments of a flexible leg, on the real rig or on its twin, and compare them with the model.",
+    epilog="First time here? Try: rfca-rig dynamic run --height 215 --speed 2.433",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.add_typer(dynamic.app, name="dynamic")
+app.add_typer(static.app, name="static")
+app.command("import")(importing.import_folder)
+app.command("predict")(predicting.predict)
+app.command("report")(reporting.report)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"rfca-rig {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    del version
+
+
+def run() -> None:
+    """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 130 stopped."""
+    try:
+        app()
+    except RigError as error:
+        _leave(str(error), error.exit_code)
+    except KeyboardInterrupt:
+        _leave("stopped by the operator", Stopped.exit_code)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(1)
+    except Exception as error:
+        if os.environ.get(DEBUG_VARIABLE):
+            raise
+        _leave(f"this is a mistake in rfca-rig, not yours: {type(error).__name__}: {error}; {DEBUG_VARIABLE}=1 shows where", 1)
+
+
+def _leave(message: str, exit_code: int) -> None:
+    typer.echo(f"rfca-rig: {message}", err=True)
+    sys.exit(exit_code)

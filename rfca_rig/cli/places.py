@@ -1,0 +1,33 @@
+"""Where protocol and rig files are found, and where runs go."""
+
+import re
+from pathlib import Path
+
+from rfca_rig.errors import BadInput
+
+PACKAGE = Path(__file__).parents[1]
+
+
+def find_file(kind: str, name: str) -> Path:
+    """The TOML file called `name`: a path as it stands, else `kind`/name.toml here, else the one that came with the package.
+
+    `kind` is "protocols" or "calibration".
+    """
+    if name.endswith(".toml") or "/" in name:
+        return Path(name)
+    folders = [Path(kind), PACKAGE.parent / kind, PACKAGE / "shipped" / kind]
+    for folder in folders:
+        if (folder / f"{name}.toml").is_file():
+            return folder / f"{name}.toml"
+    known = sorted({file.stem for folder in folders if folder.is_dir() for file in folder.glob("*.toml")})
+    raise BadInput(f"{kind}/{name}.toml: no such file; there are {', '.join(known)}, or give a path to a .toml file")
+
+
+def new_run_folder(parent: Path, mark: str, title: str) -> Path:
+    """A folder that is not there yet: runs/SIM-title-001, -002 and so on."""
+    slug = re.sub(r"[^a-z0-9.]+", "-", title.lower()).strip("-")
+    for number in range(1, 1_000_000):
+        folder = parent / f"{mark}-{slug}-{number:03d}"
+        if not folder.exists():
+            return folder
+    raise BadInput(f"{parent}: holds a million runs called {mark}-{slug}; choose another folder with --runs")

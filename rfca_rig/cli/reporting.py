@@ -1,0 +1,58 @@
+"""rfca-rig report"""
+
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rfca_rig.cli.options import Json
+
+if TYPE_CHECKING:
+    from rfca_rig.analysis.counterpart import Shaft as ShaftName
+    from rfca_rig.analysis.table2 import Table2
+
+
+class Shaft(StrEnum):
+    """How the simulated shaft turns."""
+
+    average = "average"
+    commanded = "commanded"
+    recorded = "recorded"
+
+
+def report(
+    paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, or .h5 files.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for report.html and table2.csv, .tex, .json.")] = Path("report"),
+    shaft: Annotated[
+        Shaft, typer.Option("--shaft", help="Simulate at the average measured speed (as the paper does), as commanded, or as recorded.")
+    ] = Shaft.average,
+    as_json: Json = False,
+) -> None:
+    """Compare recordings with the model: Table II and overlays of measured and simulated force. Works offline, changes no recording.
+
+    Example: rfca-rig report runs/SIM-table-ii-001 --out report
+    """
+    write(paths, out, shaft.value, as_json, quiet=as_json)
+
+
+def write(paths: Sequence[Path], out: Path, shaft: "ShaftName", as_json: bool, quiet: bool) -> None:
+    """Writes the report and says where it is, with the averages of the table."""
+    from rfca_rig.campaign.opening import open_recordings
+    from rfca_rig.report.writing import write_report
+
+    table = write_report(open_recordings(paths), out, shaft)
+    if as_json:
+        typer.echo((out / "table2.json").read_text(encoding="utf-8"), nl=False)
+    if not quiet:
+        typer.echo(f"{out / 'report.html'}: {_averages(table)}", err=True)
+
+
+def _averages(table: "Table2") -> str:
+    if table.average_time_error_pct is None or table.average_force_error_pct is None:
+        return "no condition with a measured and a simulated valley"
+    return (
+        f"{len(table.rows)} conditions, average error of the valley {table.average_time_error_pct:.1f} % in time, "
+        f"{table.average_force_error_pct:.1f} % in force"
+    )

@@ -1,0 +1,83 @@
+"""rfca-rig static run"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rfca_rig.cli.options import Dry, Json, Rig, Runs, Seed
+
+if TYPE_CHECKING:
+    from rfca_rig.recording.form import StaticStage
+
+app = typer.Typer(help="The static experiment: turn the shaft in stages, let the leg settle, measure.", no_args_is_help=True)
+
+
+@app.callback()
+def _group() -> None:
+    """Keeps `run` a command of its own."""
+
+
+@app.command()
+def run(
+    protocol: Annotated[
+        str, typer.Option("--protocol", metavar="NAME|FILE", help="The protocol: a name in protocols/, or a .toml file.")
+    ] = "static-angle",
+    rig: Rig = "twin",
+    runs: Runs = Path("runs"),
+    seed: Seed = None,
+    dry_run: Dry = False,
+    as_json: Json = False,
+) -> None:
+    """Go through the stages of a protocol at each of its heights, and record force and shaft once they have settled.
+
+    Example: rfca-rig static run
+    """
+    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.running import Order, carry_out
+    from rfca_rig.description.protocol_file import read_static
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.description.toml import read_text
+    from rfca_rig.protocol.experiments import static_plan
+
+    rig_path, protocol_path = find_file("calibration", rig), find_file("protocols", protocol)
+    rig_file = read_rig(rig_path)
+    plan = static_plan(read_static(protocol_path).static_stages(), rig_file.facts())
+    order = Order(rig_file, read_text(rig_path), read_text(protocol_path), plan, seed, runs, as_json, dry_run)
+    folder, recorder = carry_out(order, _say_stage)
+    if folder is None or recorder is None:
+        return
+    if as_json:
+        _print_json(order.mark, folder, recorder.stages)
+    else:
+        typer.echo(
+            f"{order.mark} recorded {len(recorder.stages)} stages in {folder}; next: rfca-rig report {folder} --out report", err=True
+        )
+
+
+def _say_stage(stage: Any, recorder: Any, say: Any) -> None:
+    from rfca_rig.protocol.plan import Hold
+
+    if isinstance(stage, Hold):
+        row = recorder.stages[-1]
+        unsettled = "" if row.settled else f", NOT SETTLED within {stage.settle.limit_s:g} s"
+        say(f"{stage.label}: fy {row.fy_N:.2f} N, fz {row.fz_N:.2f} N, tx {row.tx_Nm:.3f} N m{unsettled}")
+
+
+def _print_json(mark: str, folder: Path, stages: "list[StaticStage]") -> None:
+    import json
+
+    rows = [
+        {
+            "height_mm": round(1e3 * stage.height_m, 6),
+            "stage": stage.stage,
+            "direction": stage.direction,
+            "shaft_angle_rad": stage.shaft_angle_rad,
+            "fy_N": stage.fy_N,
+            "fz_N": stage.fz_N,
+            "tx_Nm": stage.tx_Nm,
+            "settled": stage.settled,
+        }
+        for stage in stages
+    ]
+    typer.echo(json.dumps({"source": mark, "run": str(folder), "stages": rows}, indent=1))

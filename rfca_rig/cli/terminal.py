@@ -1,0 +1,42 @@
+"""What a run says while it works: every line marked SIM or REAL, a progress bar where a person watches."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+Say = Callable[[str], None]
+
+
+@contextmanager
+def progress_bar(mark: str, total_s: float, quiet: bool) -> Iterator[tuple[Callable[[str, float], None], Say]]:
+    """Gives (advance, say): `advance(label, rig_s)` moves the bar by seconds of rig time, `say` prints a line above it.
+
+    The bar shows only on a terminal; `quiet` silences both.
+    """
+    console = Console(file=sys.stderr, quiet=quiet, highlight=False)
+    columns = (
+        TextColumn(mark),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=console, disable=quiet or not console.is_terminal, transient=True) as progress:
+        task = progress.add_task("", total=total_s)
+
+        def advance(label: str, rig_s: float) -> None:
+            progress.update(task, advance=rig_s, description=label)
+
+        def say(line: str) -> None:
+            progress.console.print(f"{mark} {line}", markup=False, soft_wrap=True)
+
+        yield advance, say
+
+
+def marked(mark: str, quiet: bool) -> Say:
+    """Prints lines that begin with the mark, on the error stream so that --json owns the output."""
+    console = Console(file=sys.stderr, quiet=quiet, highlight=False)
+    return lambda line: console.print(f"{mark} {line}", markup=False, soft_wrap=True)

@@ -1,0 +1,314 @@
+"""ODrive's CANSimple frames, both directions; pure.
+
+Layouts: ODrive CANSimple protocol (docs/can-protocol.rst and odrive-cansimple.dbc), firmware 0.6. Little-endian throughout.
+Firmware 0.5 differs in what is used here: heartbeat bytes 5..7 are flag bits (40 motor, 48 encoder, 56 controller error, 63
+trajectory done) instead of procedure result and trajectory done; the error word has other bits (watchdog 0x800, estop 0x4000);
+0x1C is an ADC voltage instead of torques; 0x00 does not exist; clearing errors takes no byte.
+"""
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+
+from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
+
+BROADCAST_NODE = 0x3F  # also the address of a drive that has none yet
+
+Frame = tuple[int, bytes]
+
+
+class Command(IntEnum):
+    """The low five bits of an arbitration id."""
+
+    VERSION = 0x00
+    HEARTBEAT = 0x01
+    ESTOP = 0x02
+    ERRORS = 0x03
+    AXIS_STATE = 0x07
+    ENCODER_ESTIMATES = 0x09
+    CONTROLLER_MODE = 0x0B
+    INPUT_POS = 0x0C
+    INPUT_VEL = 0x0D
+    INPUT_TORQUE = 0x0E
+    IQ = 0x14
+    TEMPERATURES = 0x15
+    BUS_VOLTAGE_CURRENT = 0x17
+    CLEAR_ERRORS = 0x18
+    TORQUES = 0x1C
+
+
+class AxisState(IntEnum):
+    IDLE = 1
+    CLOSED_LOOP = 8
+
+
+class ControlMode(IntEnum):
+    TORQUE = 1
+    VELOCITY = 2
+    POSITION = 3
+
+
+PASSTHROUGH = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Version:
+    """Firmware and hardware of the drive, as (major, minor, revision) and (major, minor, variant)."""
+
+    firmware: tuple[int, int, int]
+    hardware: tuple[int, int, int]
+    protocol: int = 2
+    unreleased: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """Sent by the drive on its own. `state` is an `AxisState` or one of the calibration states."""
+
+    error: int
+    state: int
+    procedure_result: int
+    trajectory_done: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorReport:
+    active_errors: int
+    disarm_reason: int
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderEstimates:
+    position_turns: float
+    speed_turns_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Iq:
+    setpoint_A: float
+    measured_A: float
+
+
+@dataclass(frozen=True, slots=True)
+class Torques:
+    target_Nm: float
+    estimate_Nm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Temperatures:
+    inverter_degC: float
+    motor_degC: float
+
+
+@dataclass(frozen=True, slots=True)
+class BusPower:
+    voltage_V: float
+    current_A: float
+
+
+@dataclass(frozen=True, slots=True)
+class Estop:
+    pass
+
+
+@dataclass(frozen=True, slots=True)
+class ClearErrors:
+    pass
+
+
+@dataclass(frozen=True, slots=True)
+class SetAxisState:
+    state: int
+
+
+@dataclass(frozen=True, slots=True)
+class SetControllerMode:
+    control_mode: int
+    input_mode: int
+
+
+@dataclass(frozen=True, slots=True)
+class SetInputPos:
+    """`speed_turns_s` and `torque_Nm` feed forward, in steps of 0.001."""
+
+    position_turns: float
+    speed_turns_s: float
+    torque_Nm: float
+
+
+@dataclass(frozen=True, slots=True)
+class SetInputVel:
+    speed_turns_s: float
+    torque_Nm: float
+
+
+@dataclass(frozen=True, slots=True)
+class SetInputTorque:
+    torque_Nm: float
+
+
+Message = (
+    Version
+    | Heartbeat
+    | ErrorReport
+    | EncoderEstimates
+    | Iq
+    | Torques
+    | Temperatures
+    | BusPower
+    | Estop
+    | ClearErrors
+    | SetAxisState
+    | SetControllerMode
+    | SetInputPos
+    | SetInputVel
+    | SetInputTorque
+)
+
+_TWO_FLOATS = struct.Struct("<ff")
+_ONE_FLOAT = struct.Struct("<f")
+_TWO_WORDS = struct.Struct("<II")
+_ONE_WORD = struct.Struct("<I")
+_HEARTBEAT = struct.Struct("<IBBBx")
+_VERSION = struct.Struct("<8B")
+_INPUT_POS = struct.Struct("<fhh")
+_ONE_BYTE = struct.Struct("<B")
+_EMPTY = struct.Struct("")
+
+FEED_FORWARD_STEP = 1e-3
+
+
+def _version(protocol: int, *rest: int) -> Version:
+    return Version(firmware=(rest[3], rest[4], rest[5]), hardware=(rest[0], rest[1], rest[2]), protocol=protocol, unreleased=rest[6])
+
+
+def _heartbeat(error: int, state: int, result: int, flags: int) -> Heartbeat:
+    return Heartbeat(error, state, result, bool(flags & 1))
+
+
+def _input_pos(position: float, speed: int, torque: int) -> SetInputPos:
+    return SetInputPos(position, speed * FEED_FORWARD_STEP, torque * FEED_FORWARD_STEP)
+
+
+# Command -> its fields, what they become, and the payload lengths in use (some senders pad to eight bytes, some do not).
+_LAYOUTS: dict[int, tuple[struct.Struct, Callable[..., Message], frozenset[int]]] = {
+    Command.VERSION: (_VERSION, _version, frozenset({8})),
+    Command.HEARTBEAT: (_HEARTBEAT, _heartbeat, frozenset({8})),
+    Command.ESTOP: (_EMPTY, Estop, frozenset({0, 8})),
+    Command.ERRORS: (_TWO_WORDS, ErrorReport, frozenset({8})),
+    Command.AXIS_STATE: (_ONE_WORD, SetAxisState, frozenset({4, 8})),
+    Command.ENCODER_ESTIMATES: (_TWO_FLOATS, EncoderEstimates, frozenset({8})),
+    Command.CONTROLLER_MODE: (_TWO_WORDS, SetControllerMode, frozenset({8})),
+    Command.INPUT_POS: (_INPUT_POS, _input_pos, frozenset({8})),
+    Command.INPUT_VEL: (_TWO_FLOATS, SetInputVel, frozenset({8})),
+    Command.INPUT_TORQUE: (_ONE_FLOAT, SetInputTorque, frozenset({4, 8})),
+    Command.IQ: (_TWO_FLOATS, Iq, frozenset({8})),
+    Command.TEMPERATURES: (_TWO_FLOATS, Temperatures, frozenset({8})),
+    Command.BUS_VOLTAGE_CURRENT: (_TWO_FLOATS, BusPower, frozenset({8})),
+    Command.CLEAR_ERRORS: (_EMPTY, ClearErrors, frozenset({0, 1, 8})),
+    Command.TORQUES: (_TWO_FLOATS, Torques, frozenset({8})),
+}
+
+
+def decode(arbitration_id: int, data: bytes | bytearray) -> Message | None:
+    """The message in one data frame; None for a command that is not used here. Raises MalformedFrame for a wrong length."""
+    layout = _LAYOUTS.get(arbitration_id & 0x1F)
+    if layout is None:
+        return None
+    fields, message, lengths = layout
+    if len(data) not in lengths:
+        name = Command(arbitration_id & 0x1F).name
+        raise MalformedFrame(
+            f"CAN frame 0x{arbitration_id:03x} ({name}) has {len(data)} bytes, expected {min(lengths)}; does the drive speak CANSimple 0.6?"
+        )
+    return message(*fields.unpack_from(data))
+
+
+def node_of(arbitration_id: int) -> int:
+    """The address of the drive that sent a frame, or that it is meant for."""
+    return arbitration_id >> 5
+
+
+def _frame(node: int, command: Command, fields: struct.Struct = _EMPTY, *values: float) -> Frame:
+    if not 0 <= node <= BROADCAST_NODE:
+        raise NotEncodable(f"CAN node {node} does not exist; addresses go from 0 to {BROADCAST_NODE}")
+    try:
+        return node << 5 | command, fields.pack(*values)
+    except (struct.error, OverflowError) as error:
+        raise NotEncodable(f"CAN {command.name} to node {node} cannot carry {values}: {error}") from error
+
+
+def _steps(value: float, name: str) -> int:
+    if not abs(value) <= 32.767:
+        raise NotEncodable(f"{name} {value:g} does not fit a CAN feed-forward, limit 32.767; lower the speed or the gear ratio")
+    return round(value / FEED_FORWARD_STEP)
+
+
+def request(node: int, command: Command) -> Frame:
+    """Asks for one message; to be sent as a remote frame (firmware 0.5.6 also takes a data frame without bytes)."""
+    return _frame(node, command)
+
+
+def version(node: int, reply: Version) -> Frame:
+    return _frame(node, Command.VERSION, _VERSION, reply.protocol, *reply.hardware, *reply.firmware, reply.unreleased)
+
+
+def heartbeat(node: int, beat: Heartbeat) -> Frame:
+    return _frame(node, Command.HEARTBEAT, _HEARTBEAT, beat.error, beat.state, beat.procedure_result, beat.trajectory_done)
+
+
+def estop(node: int) -> Frame:
+    return _frame(node, Command.ESTOP)
+
+
+def errors(node: int, report: ErrorReport) -> Frame:
+    return _frame(node, Command.ERRORS, _TWO_WORDS, report.active_errors, report.disarm_reason)
+
+
+def set_axis_state(node: int, state: int) -> Frame:
+    return _frame(node, Command.AXIS_STATE, _ONE_WORD, state)
+
+
+def encoder_estimates(node: int, position_turns: float, speed_turns_s: float) -> Frame:
+    return _frame(node, Command.ENCODER_ESTIMATES, _TWO_FLOATS, position_turns, speed_turns_s)
+
+
+def set_controller_mode(node: int, control_mode: int, input_mode: int = PASSTHROUGH) -> Frame:
+    return _frame(node, Command.CONTROLLER_MODE, _TWO_WORDS, control_mode, input_mode)
+
+
+def set_input_pos(node: int, position_turns: float, speed_turns_s: float = 0.0, torque_Nm: float = 0.0) -> Frame:
+    """The feed-forwards are carried in steps of 0.001 (the drive's default scale); raises NotEncodable beyond 32.767."""
+    steps = _steps(speed_turns_s, "speed in turns/s"), _steps(torque_Nm, "torque in N m")
+    return _frame(node, Command.INPUT_POS, _INPUT_POS, position_turns, *steps)
+
+
+def set_input_vel(node: int, speed_turns_s: float, torque_Nm: float = 0.0) -> Frame:
+    return _frame(node, Command.INPUT_VEL, _TWO_FLOATS, speed_turns_s, torque_Nm)
+
+
+def set_input_torque(node: int, torque_Nm: float) -> Frame:
+    return _frame(node, Command.INPUT_TORQUE, _ONE_FLOAT, torque_Nm)
+
+
+def iq(node: int, setpoint_A: float, measured_A: float) -> Frame:
+    return _frame(node, Command.IQ, _TWO_FLOATS, setpoint_A, measured_A)
+
+
+def temperatures(node: int, inverter_degC: float, motor_degC: float) -> Frame:
+    return _frame(node, Command.TEMPERATURES, _TWO_FLOATS, inverter_degC, motor_degC)
+
+
+def bus_voltage_current(node: int, voltage_V: float, current_A: float) -> Frame:
+    return _frame(node, Command.BUS_VOLTAGE_CURRENT, _TWO_FLOATS, voltage_V, current_A)
+
+
+def clear_errors(node: int) -> Frame:
+    """One byte, zero: the drive does not blink."""
+    return _frame(node, Command.CLEAR_ERRORS, _ONE_BYTE, 0)
+
+
+def torques(node: int, target_Nm: float, estimate_Nm: float) -> Frame:
+    return _frame(node, Command.TORQUES, _TWO_FLOATS, target_Nm, estimate_Nm)

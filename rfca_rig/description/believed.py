@@ -1,0 +1,52 @@
+"""From the sections of a file, in the units people write, to the model's parameters in SI."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from rfca_rig.description.sections import DriveSection, GroundSection, LegSection, RigSections, SensorSection
+from rfca_rig.description.toml import checked
+from rfca_rig.model.parameters import Drive, Ground, Leg, RigModel, SensorMount
+
+
+def believed_model(sections: Mapping[str, Any]) -> RigModel:
+    """The model that the sections leg, ground, sensor and drive describe.
+
+    `sections` is plain data in the file's own units, as `Recording.believed` holds it. Raises BadInput, naming the key, where
+    something is missing, unknown or out of range.
+    """
+    return model_of(checked(sections, RigSections, "the believed model"))
+
+
+def model_of(sections: RigSections) -> RigModel:
+    """The same from sections that were checked already."""
+    return RigModel(_leg(sections.leg), _ground(sections.ground), _sensor(sections.sensor), _drive(sections.drive))
+
+
+def _leg(leg: LegSection) -> Leg:
+    return Leg(
+        link_lengths_m=tuple(length_mm / 1e3 for length_mm in leg.link_lengths_mm),
+        link_masses_kg=tuple(mass_g / 1e3 for mass_g in leg.link_masses_g),
+        link_radius_m=leg.link_radius_mm / 1e3,
+        k0_Nm_per_rad=leg.k0_Nm_per_rad,
+        k2_per_rad2=leg.k2_per_rad2,
+        hinge_damping_Nm_s_per_rad=leg.hinge_damping_Nm_s_per_rad,
+        start_angle_rad=leg.start_angle_rad,
+    )
+
+
+def _ground(ground: GroundSection) -> Ground:
+    return Ground(
+        stiffness_N_per_m1p5=ground.contact_stiffness_N_per_m1p5,
+        damping_s_per_m=ground.contact_damping_s_per_m,
+        friction_coefficient=ground.friction_coefficient,
+        grip_N_per_m=ground.grip_stiffness_N_per_m,
+        drag_N_s_per_m=ground.tangential_damping_N_s_per_m,
+    )
+
+
+def _sensor(sensor: SensorSection) -> SensorMount:
+    return SensorMount(below_shaft_m=sensor.below_shaft_mm / 1e3)
+
+
+def _drive(drive: DriveSection) -> Drive:
+    return Drive(ramp_s=drive.ramp_s)

@@ -1,0 +1,96 @@
+"""A protocol file (protocols/*.toml): the experiment to run, independent of the rig that runs it."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from rfca_rig.description.sections import Positive, Section
+from rfca_rig.description.toml import read_toml
+from rfca_rig.protocol.experiments import Condition, Flapping, StaticStages
+from rfca_rig.protocol.plan import SettleCriterion
+
+HeightMm = Annotated[float, Field(gt=0, le=1000)]
+
+
+class SettleSection(Section):
+    """At rest when 50 ms means of force and angle stay inside these bands, peak to peak, for `for_s`; given up after `limit_s`."""
+
+    force_band_N: Positive
+    angle_band_deg: Positive
+    for_s: Annotated[float, Field(ge=0.1, le=60)]
+    limit_s: Annotated[float, Field(gt=0, le=3600)]
+
+    def criterion(self) -> SettleCriterion:
+        return SettleCriterion(self.force_band_N, float(np.radians(self.angle_band_deg)), self.for_s, self.limit_s)
+
+
+class ConditionSection(Section):
+    """One height of the shaft above the ground, one speed."""
+
+    height_mm: HeightMm
+    speed_rad_s: Positive
+
+
+class DynamicFile(Section):
+    """Flapping against the ground."""
+
+    experiment: Literal["dynamic"]
+    title: str
+    repeats: Annotated[int, Field(ge=1, le=1_000_000)]
+    sweep_deg: Annotated[float, Field(gt=0, le=330)]
+    return_speed_rad_s: Positive
+    settle: SettleSection
+    conditions: Annotated[tuple[ConditionSection, ...], Field(min_length=1, strict=False)]
+
+    def flapping(self) -> Flapping:
+        """The experiment in SI units."""
+        return Flapping(
+            title=self.title,
+            conditions=tuple(Condition(one.height_mm / 1e3, one.speed_rad_s) for one in self.conditions),
+            repeats=self.repeats,
+            sweep_rad=float(np.radians(self.sweep_deg)),
+            return_speed_rad_s=self.return_speed_rad_s,
+            settle=self.settle.criterion(),
+        )
+
+
+class StageSection(Section):
+    """One shaft angle, and whether the leg is being loaded or let back."""
+
+    angle_deg: Annotated[float, Field(ge=0, le=180)]
+    direction: Literal["loading", "unloading"] = "loading"
+
+
+class StaticFile(Section):
+    """Static stages of the shaft angle at fixed heights."""
+
+    experiment: Literal["static"]
+    title: str
+    heights_mm: Annotated[tuple[HeightMm, ...], Field(min_length=1, strict=False)]
+    move_speed_rad_s: Positive
+    average_s: Annotated[float, Field(ge=0.05, le=600)]
+    settle: SettleSection
+    stages: Annotated[tuple[StageSection, ...], Field(min_length=1, strict=False)]
+
+    def static_stages(self) -> StaticStages:
+        """The experiment in SI units."""
+        return StaticStages(
+            title=self.title,
+            heights_m=tuple(height_mm / 1e3 for height_mm in self.heights_mm),
+            angles_rad=tuple((float(np.radians(stage.angle_deg)), stage.direction) for stage in self.stages),
+            move_speed_rad_s=self.move_speed_rad_s,
+            settle=self.settle.criterion(),
+            average_s=self.average_s,
+        )
+
+
+def read_dynamic(path: Path) -> DynamicFile:
+    """The flapping protocol in `path`; BadInput, with file and line, where it cannot be used."""
+    return read_toml(path, DynamicFile)
+
+
+def read_static(path: Path) -> StaticFile:
+    """The static protocol in `path`; BadInput, with file and line, where it cannot be used."""
+    return read_toml(path, StaticFile)

@@ -1,0 +1,155 @@
+"""A rig file (calibration/*.toml): leg, ground, sensor, drive as believed; devices; limits; and for a twin, what it is truly like."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from rfca_rig.description.believed import believed_model
+from rfca_rig.description.sections import (
+    DriveSection,
+    GroundSection,
+    KnownToSection,
+    LegSection,
+    NotNegative,
+    Positive,
+    Section,
+    SensorSection,
+)
+from rfca_rig.description.toml import read_toml
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.protocol.experiments import RigFacts
+from rfca_rig.protocol.plan import Limits, Rates
+
+
+class RigSection(Section):
+    """`kind` decides whether the devices are twins; every line of output says SIM or REAL accordingly."""
+
+    title: str
+    kind: Literal["twin", "real"]
+    parked_angle_deg: Annotated[float, Field(ge=-90, le=90)]
+
+
+class LimitsSection(Section):
+    """What stops the motion at once; every one must be set."""
+
+    force_N: Positive
+    torque_Nm: Positive
+    speed_rad_s: Positive
+    following_error_deg: Positive
+    following_error_deg_s_per_rad: NotNegative
+    sensor_silent_ms: Positive
+    drive_silent_ms: Positive
+
+
+class MotorSection(Section):
+    """An ODrive on CAN. `zero_turns` is the encoder's reading, in motor turns, with the leg horizontal."""
+
+    device: Literal["odrive"]
+    node_id: Annotated[int, Field(ge=0, le=63)]
+    gear_ratio: Positive
+    direction: Literal[1, -1]
+    zero_turns: float
+    encoder_period_ms: Positive
+    interface: str = "socketcan"
+    channel: str = "can0"
+    bitrate: Annotated[int, Field(gt=0)] = 1_000_000
+
+
+class ForceSensorSection(Section):
+    """An ATI Net F/T; the counts per unit stand on its configuration page and in its calibration certificate."""
+
+    device: Literal["ati-net-ft"]
+    counts_per_N: Positive
+    counts_per_Nm: Positive
+    rate_Hz: Annotated[float, Field(gt=0, le=7912)]
+    host: str = "192.168.1.1"
+    port: Annotated[int, Field(gt=0, le=65535)] = 49152
+
+
+class TwinDriveSection(Section):
+    """The twin's drive, at the shaft: a PI speed loop on a rotor; soft gains let the speed sag and surge under load."""
+
+    rotor_inertia_kg_m2: Positive
+    speed_gain_Nm_s_per_rad: Positive
+    integral_gain_Nm_per_rad: NotNegative
+    angle_gain_per_s: Positive
+    torque_limit_Nm: Positive
+
+
+class TwinScatterSection(Section):
+    """One standard deviation of what differs from repeat to repeat."""
+
+    friction: NotNegative = 0.0
+    height_mm: NotNegative = 0.0
+
+
+class TwinSection(Section):
+    """What the twin is truly like where it differs from what is believed."""
+
+    seed: Annotated[int, Field(ge=0)]
+    noise_N: NotNegative
+    noise_Nm: NotNegative
+    drive: TwinDriveSection
+    scatter: TwinScatterSection = TwinScatterSection()
+
+
+class RigFile(Section):
+    """A whole rig file."""
+
+    rig: RigSection
+    leg: LegSection
+    ground: GroundSection
+    sensor: SensorSection
+    drive: DriveSection
+    known_to: KnownToSection | None = None
+    limits: LimitsSection
+    motor: MotorSection
+    force_sensor: ForceSensorSection
+    twin: TwinSection | None = None
+
+    @model_validator(mode="after")
+    def _twin_is_described(self) -> "RigFile":
+        if self.rig.kind == "twin" and self.twin is None:
+            raise ValueError("a rig of kind 'twin' needs a [twin] section")
+        return self
+
+    @property
+    def is_real(self) -> bool:
+        return self.rig.kind == "real"
+
+    def believed(self) -> dict[str, Any]:
+        """The sections that go into every recording, as plain data."""
+        return self.model_dump(include={"leg", "ground", "sensor", "drive"}, exclude_none=True)
+
+    def model(self) -> RigModel:
+        """The model as believed."""
+        return believed_model(self.believed())
+
+    def facts(self) -> RigFacts:
+        """What a plan needs to know."""
+        return RigFacts(
+            start_angle_rad=self.leg.start_angle_rad,
+            parked_angle_rad=float(np.radians(self.rig.parked_angle_deg)),
+            ramp_s=self.drive.ramp_s,
+            limits=self._limits(),
+            rates=Rates(self.force_sensor.rate_Hz, 1e3 / self.motor.encoder_period_ms),
+        )
+
+    def _limits(self) -> Limits:
+        limits = self.limits
+        return Limits(
+            force_N=limits.force_N,
+            torque_Nm=limits.torque_Nm,
+            speed_rad_s=limits.speed_rad_s,
+            following_error_rad=float(np.radians(limits.following_error_deg)),
+            following_error_s=float(np.radians(limits.following_error_deg_s_per_rad)),
+            sensor_silent_s=1e-3 * limits.sensor_silent_ms,
+            drive_silent_s=1e-3 * limits.drive_silent_ms,
+        )
+
+
+def read_rig(path: Path) -> RigFile:
+    """The rig described in `path`; BadInput, with file and line, where it cannot be used."""
+    return read_toml(path, RigFile)

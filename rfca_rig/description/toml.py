@@ -1,0 +1,159 @@
+"""Reads a TOML file into a pydantic model, and turns whatever is wrong with it into one line."""
+
+import difflib
+import re
+import tomllib
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from rfca_rig.description.toml_lines import Key, line_of
+from rfca_rig.errors import BadInput
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read_toml(path: Path, model: type[Model]) -> Model:
+    """The file's content as `model`.
+
+    Raises BadInput `FILE:LINE: key: what is wrong` for a file that is missing, not UTF-8, not TOML, or not what `model` asks for.
+    """
+    text = read_text(path)
+    data = _parsed(text, path)
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        fault, more = _first_fault(error, model, data)
+        raise BadInput(f"{_place(path, line_of(text, fault.key))}: {fault.text}{more}") from None
+
+
+def checked(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
+    """`data` as `model`; raises BadInput `WHERE: key: what is wrong`."""
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as error:
+        fault, more = _first_fault(error, model, dict(data))
+        raise BadInput(f"{where}: {fault.text}{more}") from None
+
+
+def place_of(path: Path, key: Key) -> str:
+    """FILE:LINE of a key in a file that was read before; for faults that only show beside other files."""
+    return _place(path, line_of(read_text(path), key))
+
+
+def read_text(path: Path) -> str:
+    """The file as UTF-8 text, a leading byte-order mark dropped. Raises BadInput where there is no such file or text."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise BadInput(f"{path}:{line}: byte 0x{content[error.start]:02x} is not UTF-8 text; save the file as UTF-8") from None
+
+
+def _parsed(text: str, path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        said = re.match(r"(.*) \(at line (\d+), column (\d+)\)$", str(error))
+        if said:
+            raise BadInput(f"{path}:{said[2]}: not TOML at column {said[3]}: {_lower(said[1])}") from None
+        raise BadInput(f"{path}:{len(text.splitlines())}: not TOML: {_lower(str(error))}") from None
+
+
+def _place(path: Path, line: int | None) -> str:
+    return f"{path}:{line}" if line else str(path)
+
+
+class _Fault:
+    """One error of pydantic's: `key` as in the file, and what to tell the user."""
+
+    def __init__(self, error: ErrorDetails, model: type[BaseModel], data: Any) -> None:
+        self.kind = error["type"]
+        self.key = _key_in_file(error, data)
+        self.likely: str | None = None
+        said = _SAID.get(self.kind) or _plain(error)
+        if self.kind == "extra_forbidden":
+            self.likely = _likely_key(self.key, model)
+            said = f"unknown key; did you mean {self.likely}?" if self.likely else f"unknown key; known are {_known(self.key, model)}"
+        self.text = f"{_shown(self.key)}: {said}" if self.key else said
+
+
+_SAID = {"missing": "missing", "union_tag_not_found": "missing the key that says which kind it is"}
+
+
+def _first_fault(error: ValidationError, model: type[BaseModel], data: Any) -> tuple[_Fault, str]:
+    """The fault to name, an unknown key before all others because it often explains them, and how many there are besides.
+
+    A key that is missing only because it was misspelt is one fault, not two.
+    """
+    faults = [_Fault(detail, model, data) for detail in error.errors(include_url=False)]
+    explained = {(*fault.key[:-1], fault.likely) for fault in faults if fault.likely}
+    faults = [fault for fault in faults if not (fault.kind == "missing" and fault.key in explained)]
+    faults.sort(key=lambda fault: fault.kind != "extra_forbidden")
+    return faults[0], f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+
+
+def _key_in_file(error: ErrorDetails, data: Any) -> Key:
+    """Pydantic's location without the names of union members, which stand nowhere in the file."""
+    key: Key = ()
+    for place, part in enumerate(error["loc"]):
+        last = place == len(error["loc"]) - 1
+        if isinstance(data, dict) and part in data:
+            data = data[str(part)]
+        elif isinstance(data, list | tuple) and isinstance(part, int) and part < len(data):
+            data = data[part]
+        elif not (last and error["type"] == "missing"):
+            continue
+        key += (part,)
+    return key
+
+
+def _shown(key: Key) -> str:
+    """leg.link_lengths_mm[3] for the third length: people count from one."""
+    text = ""
+    for part in key:
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}"
+    return text.lstrip(".")
+
+
+def _plain(error: ErrorDetails) -> str:
+    said = _lower(error["msg"].removeprefix("Value error, ").replace("Input should be", "should be"))
+    simple = error["input"] if isinstance(error["input"], str | int | float | bool) else None
+    return said if simple is None else f"{said}, not {simple!r}"
+
+
+def _lower(text: str) -> str:
+    return text[:1].lower() + text[1:]
+
+
+def _likely_key(key: Key, model: type[BaseModel]) -> str | None:
+    close = difflib.get_close_matches(str(key[-1]), _keys_at(key[:-1], model), n=1, cutoff=0.7)
+    return close[0] if close else None
+
+
+def _known(key: Key, model: type[BaseModel]) -> str:
+    return ", ".join(_keys_at(key[:-1], model)) or "none"
+
+
+def _keys_at(table: Key, model: type[BaseModel]) -> list[str]:
+    """The keys that `model` knows in that table, in the order in which they are declared."""
+    here = [model]
+    for part in table:
+        if isinstance(part, str):
+            here = [inner for outer in here if part in outer.model_fields for inner in _models_in(outer.model_fields[part].annotation)]
+    return list(dict.fromkeys(name for found in here for name in found.model_fields))
+
+
+def _models_in(annotation: Any) -> Iterable[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in typing.get_args(annotation):
+        yield from _models_in(argument)

@@ -1,0 +1,63 @@
+"""A non-blocking pipe of datagrams, and the one over UDP."""
+
+import socket
+from typing import Protocol
+
+from rfca_rig.codecs.rdt import PORT
+from rfca_rig.errors import DeviceError
+
+RECEIVE_BUFFER_BYTES = 4 << 20  # the usual default holds 17 ms of single records at 15 kHz
+LONGEST_DATAGRAM = 2048
+
+
+class Datagrams(Protocol):
+    """One peer at the other end. Both calls raise DeviceError when the way is broken."""
+
+    def send(self, datagram: bytes) -> None: ...
+
+    def receive_all(self) -> list[bytes]:
+        """What has arrived since the last call, in that order; never waits."""
+        ...
+
+    def close(self) -> None:
+        """May be called any number of times."""
+        ...
+
+
+class UdpDatagrams:
+    """UDP to one host and port; datagrams from anywhere else are not let in.
+
+    `receive_buffer_bytes` is what the kernel granted of the 4 MiB asked for (Linux counts its own bookkeeping in, twice the
+    payload, and caps it at net.core.rmem_max). Raises DeviceError where the host cannot be addressed.
+    """
+
+    def __init__(self, host: str, port: int = PORT) -> None:
+        self._peer = f"{host}:{port}"
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        self.receive_buffer_bytes = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        try:
+            self._socket.connect((host, port))
+        except OSError as error:
+            self._socket.close()
+            raise DeviceError(f"no way to {self._peer}: {error}; check the sensor's address and the network cable") from error
+
+    def send(self, datagram: bytes) -> None:
+        try:
+            self._socket.send(datagram)
+        except OSError as error:
+            raise DeviceError(f"datagram to {self._peer} not sent: {error}; check the network cable and the sensor's power") from error
+
+    def receive_all(self) -> list[bytes]:
+        datagrams: list[bytes] = []
+        try:
+            while True:
+                datagrams.append(self._socket.recv(LONGEST_DATAGRAM))
+        except BlockingIOError:
+            return datagrams
+        except OSError as error:
+            raise DeviceError(f"nothing to be received from {self._peer}: {error}; is the sensor on, and RDT enabled?") from error
+
+    def close(self) -> None:
+        self._socket.close()

@@ -1,0 +1,193 @@
+"""An ATI Net F/T (NetBox) as the force sensor."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.clock import Clock
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.codecs.netbox_status import WARNINGS, status_text
+from rfca_rig.codecs.rdt import RdtCommand, Records, decode_records, encode_request
+from rfca_rig.drivers.datagrams import Datagrams
+from rfca_rig.drivers.record_sequence import RecordSequence
+from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
+from rfca_rig.errors import BadInput, DeviceError
+
+QUIET_S = 0.02
+
+
+@dataclass(frozen=True)
+class NetFtSettings:
+    """Scale and rate as configured in the box (cfgcpf, cfgcpt, comrdtrate); `address` and `serial_number` are for the recording.
+
+    Raises BadInput for a rate that is not `internal_rate_Hz` divided by a whole number: the box rounds to such a rate.
+    """
+
+    counts_per_N: float = 1e6
+    counts_per_Nm: float = 1e6
+    rate_Hz: float = 7000.0
+    internal_rate_Hz: float = 7000.0
+    address: str = ""
+    serial_number: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("counts_per_N", "counts_per_Nm", "rate_Hz", "internal_rate_Hz"):
+            if not 0.0 < getattr(self, name) < float("inf"):
+                raise BadInput(f"force sensor: {name} is {getattr(self, name)}, must be above 0")
+        if abs(self.rate_Hz * self.decimation / self.internal_rate_Hz - 1.0) > 1e-3:
+            nearest_Hz = self.internal_rate_Hz / self.decimation
+            raise BadInput(f"force sensor: rate_Hz is {self.rate_Hz:g}, must be {self.internal_rate_Hz:g}/n; nearest {nearest_Hz:.2f}")
+
+    @property
+    def decimation(self) -> int:
+        """Internal samples per record."""
+        return max(1, round(self.internal_rate_Hz / self.rate_Hz))
+
+    @property
+    def record_period_s(self) -> float:
+        return self.decimation / self.internal_rate_Hz
+
+
+class NetFtSensor:
+    """A `ForceSensor` over datagrams, in buffered mode and without end. Never sends a bias: taring is the protocol's business.
+
+    The box does not answer requests, so a sensor that is not there shows only as silence: see `silent_s`.
+    """
+
+    def __init__(self, datagrams: Datagrams, clock: Clock, settings: NetFtSettings) -> None:
+        self._datagrams = datagrams
+        self._clock = clock
+        self._settings = settings
+        self._running = False
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._sequence = RecordSequence()
+        self._last_ft: int | None = None
+        self._malformed = self._faulty = self._stalled = 0
+        self._worst_status = 0
+        self._last_malformed = ""
+        self._heard_s = self._read_s = self._clock.now_s()
+
+    def start(self) -> None:
+        """Starts the stream; whatever an earlier one still had on the way is let pass for 20 ms before."""
+        self._send(RdtCommand.STOP)
+        self._clock.wait_until(self._clock.now_s() + QUIET_S)
+        self._datagrams.receive_all()
+        self._begin_anew()
+        self._send(RdtCommand.START_BUFFERED)
+        self._running = True
+
+    def stop(self) -> None:
+        """Raises DeviceError when the request cannot be sent."""
+        self._running = False
+        self._send(RdtCommand.STOP)
+
+    def _send(self, command: RdtCommand) -> None:
+        self._datagrams.send(encode_request(command))
+
+    def read(self) -> ForceSamples:
+        """Records since the last call, ascending, each once. Raises DeviceError when they come at another rate than configured."""
+        self._read_s = self._clock.now_s()
+        blocks = [block for datagram in self._datagrams.receive_all() if (block := self._decoded(datagram)) is not None]
+        if not blocks or not self._running:
+            return _samples(NOTHING, np.empty(0, np.int64), 0.0, 0.0)
+        self._heard_s = self._read_s
+        records = blocks[0] if len(blocks) == 1 else _joined(blocks)
+        picked, numbers = self._sequence.take(records.rdt_sequence)
+        if len(picked) < len(records.status) or len(blocks) > 1:
+            records = _picked(records, picked)
+        self._inspect(records, numbers)
+        return _samples(records, numbers, self._read_s, self._settings.record_period_s)
+
+    def _decoded(self, datagram: bytes) -> Records | None:
+        try:
+            return decode_records(datagram)
+        except MalformedFrame as error:
+            self._malformed += 1
+            self._last_malformed = str(error)
+            return None
+
+    def _inspect(self, records: Records, numbers: NDArray[np.int64]) -> None:
+        """Status and progress of the sensor itself."""
+        if len(numbers) == 0:
+            return
+        if records.status.any():
+            faulty = ~np.isin(records.status, list(WARNINGS))
+            self._faulty += int(faulty.sum())
+            self._worst_status |= int(np.bitwise_or.reduce(records.status[faulty], initial=0))
+        steps = np.diff(records.ft_sequence).view(np.int32)
+        self._check_rate(steps[np.diff(numbers) == 1])
+        since = 1 if self._last_ft is None else _signed(int(records.ft_sequence[0]) - self._last_ft)
+        self._stalled += int((steps <= 0).sum()) + (since <= 0)
+        self._last_ft = int(records.ft_sequence[-1])
+
+    def _check_rate(self, steps: NDArray[np.int32]) -> None:
+        """A wrong rate would stretch the time base of the whole recording."""
+        step = int(np.median(steps)) if len(steps) else 0
+        if step > 0 and step != self._settings.decimation:
+            raise DeviceError(
+                f"force sensor sends {self._settings.internal_rate_Hz / step:.0f} records/s, the settings say {self._settings.rate_Hz:g}; "
+                "set the box's RDT output rate (comrdtrate) or rate_Hz"
+            )
+
+    def silent_s(self) -> float:
+        """Time from the last good datagram, or the start, to the last `read`."""
+        return self._read_s - self._heard_s
+
+    def scale(self) -> SensorScale:
+        return SensorScale(self._settings.counts_per_N, self._settings.counts_per_Nm, 1.0 / self._settings.record_period_s)
+
+    def health(self) -> StreamHealth:
+        """Counters since `start`. `received` + `lost` is what the box sent until the newest record."""
+        count = self._sequence
+        return StreamHealth(count.received, count.lost, count.duplicate, count.out_of_order, self._malformed, self._faulty, self._notes())
+
+    def _notes(self) -> list[str]:
+        notes = []
+        if self._running and self.silent_s() > 0.1:
+            notes.append(f"no record for {self.silent_s():.2f} s: check power and cable, or who else started its stream")
+        if self._stalled:
+            notes.append(f"the sensor's own sample counter stood still or ran back in {self._stalled} records: these values are not new")
+        if self._faulty:
+            notes.append(f"faulty status in {self._faulty} records: {status_text(self._worst_status)}")
+        if self._malformed:
+            notes.append(f"{self._malformed} datagrams thrown away, the last one: {self._last_malformed}")
+        return notes
+
+    def identity(self) -> dict[str, str]:
+        return {
+            "make": "ATI Net F/T, RDT",
+            "address": self._settings.address,
+            "serial_number": self._settings.serial_number,
+            "counts_per_N": repr(self._settings.counts_per_N),
+            "counts_per_Nm": repr(self._settings.counts_per_Nm),
+            "rate_Hz": repr(1.0 / self._settings.record_period_s),
+        }
+
+
+_NO_WORDS = np.empty(0, np.uint32)
+NOTHING = Records(_NO_WORDS, _NO_WORDS, _NO_WORDS, np.empty((0, 6), np.int32))
+
+
+def _joined(blocks: list[Records]) -> Records:
+    return Records(
+        np.concatenate([block.rdt_sequence for block in blocks]),
+        np.concatenate([block.ft_sequence for block in blocks]),
+        np.concatenate([block.status for block in blocks]),
+        np.concatenate([block.counts for block in blocks]),
+    )
+
+
+def _picked(records: Records, rows: NDArray[np.int64]) -> Records:
+    return Records(records.rdt_sequence[rows], records.ft_sequence[rows], records.status[rows], records.counts[rows])
+
+
+def _samples(records: Records, numbers: NDArray[np.int64], host_s: float, period_s: float) -> ForceSamples:
+    return ForceSamples(np.full(len(numbers), host_s), (numbers - 1).astype(np.float64) * period_s, numbers, records.status, records.counts)
+
+
+def _signed(difference: int) -> int:
+    """A difference of two 32 bit counters, with sign."""
+    return (difference + (1 << 31)) % (1 << 32) - (1 << 31)

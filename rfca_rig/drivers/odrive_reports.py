@@ -1,0 +1,139 @@
+"""What an ODrive says on the bus: taken in, kept apart from other nodes, and stamped."""
+
+import can
+import numpy as np
+
+from rfca_rig.clock import Clock
+from rfca_rig.codecs import cansimple
+from rfca_rig.codecs.cansimple import EncoderEstimates, Heartbeat, Iq, Torques, Version
+from rfca_rig.drivers.frame_count import FrameCount
+from rfca_rig.drivers.odrive_scale import OdriveSettings
+from rfca_rig.drivers.roles import ShaftSamples
+from rfca_rig.errors import DeviceError
+
+CAN_ERROR_BUS_OFF = 0x40  # error class of a SocketCAN error frame (linux/can/error.h)
+
+
+class OdriveReports:
+    """Listens for one node. `beat` is its last heartbeat, heard at host time `beat_s`; `turns` its last encoder position."""
+
+    def __init__(self, bus: can.BusABC, clock: Clock, settings: OdriveSettings) -> None:
+        self._bus = bus
+        self._clock = clock
+        self._settings = settings
+        self._count = FrameCount(settings.encoder_period_s)
+        self._rows: list[tuple[float, float, float]] = []  # turns, turns/s, motor torque: taken in, not stamped yet
+        self._samples: list[ShaftSamples] = []
+        self._torque_Nm = np.nan
+        self.beat: Heartbeat | None = None
+        self.drained_s = self.beat_s = clock.now_s()
+        self.turns = np.nan
+        self.firmware = "unknown"
+        self.recount()
+
+    def recount(self) -> None:
+        """What `missing` speaks of begins now."""
+        self._foreign_nodes: set[int] = set()
+        self._own_frames = self._torque_frames = 0
+        self.encoder_frames = self.heartbeats = 0
+
+    def drain(self) -> None:
+        """Takes in everything the bus holds; never waits. Raises DeviceError on a failing bus or a frame that cannot be read."""
+        self.drained_s = self._clock.now_s()  # before the first frame, so that none seems younger than it is
+        try:
+            while (message := self._bus.recv(timeout=0)) is not None:
+                self._take(message)
+        except (can.CanError, OSError) as error:
+            raise DeviceError(f"CAN bus failed while reading the drive: {error}; the drive's watchdog stops the motor") from error
+        finally:
+            self._stamp_rows()
+
+    def samples(self) -> ShaftSamples:
+        """Everything drained since the last call."""
+        blocks, self._samples = self._samples, []
+        return blocks[0] if len(blocks) == 1 else _joined(blocks)
+
+    @property
+    def lost_frames(self) -> int:
+        return self._count.lost
+
+    @property
+    def torque_source(self) -> str:
+        return "torques (0x1C)" if self._settings.torque_constant_Nm_per_A is None else "motor currents (0x14)"
+
+    def missing(self) -> str | None:
+        """The first message, since `recount`, that the driver cannot do without; and what to do about it."""
+        node = self._settings.node_id
+        if self._own_frames == 0 and self._foreign_nodes:
+            others = ", ".join(map(str, sorted(self._foreign_nodes)))
+            return f"CAN frames from node {others} but none from node {node}; check node_id"
+        if self._own_frames == 0:
+            return "no frames at all on the CAN bus; check the drive's power, the wiring, the termination and the bit rate"
+        if self.heartbeats < self._beats_needed():
+            return f"no heartbeat from node {node}; set the drive's heartbeat_msg_rate_ms to 100"
+        if self.encoder_frames == 0:
+            return f"no encoder estimates from node {node}; set its encoder_msg_rate_ms to {1e3 * self._settings.encoder_period_s:g}"
+        if self._torque_frames == 0:
+            return f"no {self.torque_source} from node {node}; set the cyclic rate of that message in the drive"
+        return None
+
+    def _beats_needed(self) -> int:
+        """A first heartbeat with an error may have left the drive before the error was cleared."""
+        return 2 if self.beat is not None and self.beat.error else 1
+
+    def _take(self, message: can.Message) -> None:
+        if message.is_error_frame:
+            _raise_if_off(message.arbitration_id)
+        elif message.is_extended_id or message.is_remote_frame or message.dlc == 0:
+            return  # another protocol, or a request or order by another master
+        elif cansimple.node_of(message.arbitration_id) != self._settings.node_id:
+            self._foreign_nodes.add(cansimple.node_of(message.arbitration_id))
+        else:
+            self._own_frames += 1
+            self._hear(cansimple.decode(message.arbitration_id, message.data))
+
+    def _hear(self, message: cansimple.Message | None) -> None:
+        constant = self._settings.torque_constant_Nm_per_A
+        match message:
+            case EncoderEstimates():
+                self.encoder_frames += 1
+                self.turns = message.position_turns
+                self._rows.append((message.position_turns, message.speed_turns_s, self._torque_Nm))
+            case Torques() if constant is None:
+                self._hear_torque(message.estimate_Nm)
+            case Iq() if constant is not None:
+                self._hear_torque(constant * message.measured_A)
+            case Heartbeat():
+                self.heartbeats += 1
+                self.beat, self.beat_s = message, self.drained_s
+            case Version():
+                self.firmware = ".".join(map(str, message.firmware))
+
+    def _hear_torque(self, torque_Nm: float) -> None:
+        self._torque_frames += 1
+        self._torque_Nm = torque_Nm
+
+    def _stamp_rows(self) -> None:
+        if not self._rows:
+            return
+        rows, self._rows = np.array(self._rows), []
+        settings = self._settings
+        self._samples.append(
+            ShaftSamples(
+                host_s=np.full(len(rows), self.drained_s),
+                device_s=self._count.stamp(len(rows), self.drained_s),
+                angle_rad=(rows[:, 0] - settings.zero_turns) * settings.shaft_rad_per_turn,
+                speed_rad_s=rows[:, 1] * settings.shaft_rad_per_turn,
+                torque_Nm=rows[:, 2] * settings.shaft_torque_per_motor_torque,
+            )
+        )
+
+
+def _raise_if_off(error_class: int) -> None:
+    if error_class & CAN_ERROR_BUS_OFF:
+        raise DeviceError("CAN bus is off after too many errors; check wiring and bit rate, then restart the interface")
+
+
+def _joined(blocks: list[ShaftSamples]) -> ShaftSamples:
+    names = ("host_s", "device_s", "angle_rad", "speed_rad_s", "torque_Nm")
+    return ShaftSamples(*(np.concatenate([np.empty(0), *(getattr(block, name) for block in blocks)]) for name in names))

@@ -1,0 +1,67 @@
+"""Which records of a numbered stream are new, and which went missing, came twice or came late."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Ints = NDArray[np.int64]
+
+REMEMBERED = 100_000
+
+
+class RecordSequence:
+    """Follows a counter of 32 bits that starts at `first` and wraps.
+
+    Of each batch the records that continue the stream are picked, in the order of their numbers. A record older than what was
+    already handed over is never handed over: it is a duplicate, or late and stays lost. Differences are taken in 32 bit
+    arithmetic with sign, so that an old record is old and not four billion records ahead.
+    """
+
+    def __init__(self, first: int = 1) -> None:
+        self._next = first
+        self._missing: set[int] = set()
+        self.received = self.lost = self.duplicate = self.out_of_order = 0
+
+    def take(self, numbers: NDArray[np.uint32]) -> tuple[Ints, Ints]:
+        """`numbers` (m,) as they arrived. Returns which of them to keep (k,), and their numbers without wrap (k,), ascending."""
+        ahead = (numbers - np.uint32(self._next & 0xFFFFFFFF)).view(np.int32).astype(np.int64)
+        if len(ahead) and ahead[0] == 0 and ahead[-1] == len(ahead) - 1 and (np.diff(ahead) == 1).all():
+            picked, fresh = np.arange(len(ahead)), ahead
+        else:
+            picked, fresh = self._sort_out(ahead)
+        unwrapped = self._next + fresh
+        self.received += len(fresh)
+        self._next += int(fresh[-1]) + 1 if len(fresh) else 0
+        return picked, unwrapped
+
+    def _sort_out(self, ahead: Ints) -> tuple[Ints, Ints]:
+        for old in ahead[ahead < 0]:
+            self._count_old(self._next + int(old))
+        new = np.flatnonzero(ahead >= 0)
+        fresh, first = np.unique(ahead[new], return_index=True)
+        self.duplicate += len(new) - len(fresh)
+        self._count_late(ahead[new], np.sort(first))
+        self._count_gaps(fresh)
+        return new[first], fresh
+
+    def _count_old(self, number: int) -> None:
+        if number in self._missing:
+            self._missing.remove(number)
+            self.out_of_order += 1
+        else:
+            self.duplicate += 1
+
+    def _count_late(self, arrived: Ints, first: Ints) -> None:
+        """Late is what a higher number overtook within the batch."""
+        order = arrived[first]
+        self.out_of_order += int((order < np.maximum.accumulate(order)).sum()) if len(order) else 0
+
+    def _count_gaps(self, fresh: Ints) -> None:
+        if len(fresh) == 0:
+            return
+        lost = int(fresh[-1]) + 1 - len(fresh)
+        self.lost += lost
+        if len(self._missing) + lost > REMEMBERED:
+            self._missing.clear()
+        if 0 < lost <= REMEMBERED:
+            gaps = np.setdiff1d(np.arange(int(fresh[-1])), fresh, assume_unique=True)
+            self._missing.update((self._next + gaps).tolist())

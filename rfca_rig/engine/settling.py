@@ -1,0 +1,30 @@
+"""When is the leg at rest: bands on force and angle, over a stated time, of means short enough to see it move."""
+
+from collections import deque
+
+import numpy as np
+
+from rfca_rig.engine.loop import Loop
+from rfca_rig.protocol.plan import SettleCriterion
+
+PERIOD_S = 0.01
+MEAN_S = 0.05  # averages 350 records at 7 kHz: sensor noise of 0.15 N becomes 0.01 N
+
+
+def settle(loop: Loop, target_rad: float, criterion: SettleCriterion) -> bool:
+    """Holds the shaft until the criterion is met; False where its time limit came first."""
+    per_mean = round(MEAN_S / PERIOD_S)
+    means: deque[np.ndarray] = deque(maxlen=max(2, round(criterion.for_s / MEAN_S)))
+    for _ in range(round(criterion.limit_s / MEAN_S)):
+        ticks = []
+        for _ in range(per_mean):
+            loop.to_angle(target_rad, 0.0, PERIOD_S)
+            ticks.append([loop.angle_rad, *loop.force_N])
+        means.append(np.mean(ticks, axis=0))
+        if len(means) == means.maxlen and _inside(np.ptp(means, axis=0), criterion):
+            return True
+    return False
+
+
+def _inside(band: np.ndarray, criterion: SettleCriterion) -> bool:
+    return bool(band[0] <= criterion.angle_band_rad and band[1:].max() <= criterion.force_band_N)

@@ -1,0 +1,83 @@
+"""How each stage of a plan is carried out."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rfca_rig.drivers.roles import ForceSamples, ShaftSamples
+from rfca_rig.engine.loop import Loop
+from rfca_rig.engine.settling import PERIOD_S as HOLD_PERIOD_S
+from rfca_rig.engine.settling import settle
+from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, Flap, Hold, MoveShaft
+
+TICK_S = 0.002
+TURN_RAD = 2.0 * math.pi
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What a stage recorded, as the devices gave it. `start_s` is the host time of the commanded start.
+
+    `turns_rad` is what to take off the continuous shaft angle to be within one turn of the stage's own angles.
+    """
+
+    shaft: ShaftSamples
+    force: ForceSamples
+    start_s: float
+    turns_rad: float
+    settled: bool
+
+
+def move(loop: Loop, stage: MoveShaft) -> None:
+    """A trapezoid of speed towards the angle, the nearest way or forwards."""
+    way_rad = math.remainder(stage.angle_rad - loop.target_rad, TURN_RAD)
+    if stage.forwards and way_rad < 0.0:
+        way_rad += TURN_RAD
+    start_rad, goal_rad = loop.target_rad, loop.target_rad + way_rad
+    duration_s = abs(way_rad) / stage.speed_rad_s + MOVE_RAMP_S
+    for k in range(1, math.ceil(duration_s / TICK_S) + 1):
+        travelled, speed = _trapezoid(k * TICK_S / duration_s, MOVE_RAMP_S / duration_s)
+        loop.to_angle(start_rad + way_rad * travelled, way_rad * speed / duration_s, TICK_S)
+    loop.to_angle(goal_rad, 0.0, TICK_S)
+
+
+def _trapezoid(x: float, ramp: float) -> tuple[float, float]:
+    """Share of the way, and its derivative, at share x of the time, with ramps of share `ramp` at both ends."""
+    ramp = min(ramp, 0.5)
+    top = 1.0 / (1.0 - ramp)
+    if x >= 1.0:
+        return 1.0, 0.0
+    if x < ramp:
+        return 0.5 * top * x * x / ramp, top * x / ramp
+    if x > 1.0 - ramp:
+        return 1.0 - 0.5 * top * (1.0 - x) ** 2 / ramp, top * (1.0 - x) / ramp
+    return top * (x - 0.5 * ramp), top
+
+
+def flap(loop: Loop, stage: Flap) -> Recorded:
+    """Holds, ramps to speed, sweeps, and stops in the air; records until the end of the sweep."""
+    turns_rad = TURN_RAD * round(loop.target_rad / TURN_RAD)
+    hold_rad = loop.target_rad
+    with loop.recorded() as tap:
+        for _ in range(round(stage.before_s / TICK_S)):
+            loop.to_angle(hold_rad, 0.0, TICK_S)
+        start_s = loop.now_s
+        for k in range(math.ceil(stage.stroke_s / TICK_S)):
+            # a command stands for a whole tick, so it takes the speed of the tick's middle
+            loop.at_speed(stage.speed_rad_s * min((k + 0.5) * TICK_S / stage.ramp_s, 1.0), TICK_S)
+    for k in range(round(STOPPING_S / TICK_S)):
+        loop.at_speed(stage.speed_rad_s * (1.0 - (k + 0.5) * TICK_S / STOPPING_S), TICK_S)
+    loop.target_rad = loop.angle_rad  # a drive that sagged is behind; the way back starts where the shaft is
+    return Recorded(tap.shaft(), tap.force(), start_s, turns_rad, settled=True)
+
+
+def hold(loop: Loop, stage: Hold) -> Recorded:
+    """Waits until settled, then records for the averaging time."""
+    target_rad = loop.target_rad
+    settled = settle(loop, target_rad, stage.settle)
+    start_s = loop.now_s
+    with loop.recorded() as tap:
+        for _ in range(math.ceil(stage.average_s / HOLD_PERIOD_S)):
+            loop.to_angle(target_rad, 0.0, HOLD_PERIOD_S)
+    return Recorded(tap.shaft(), tap.force(), start_s, TURN_RAD * np.round((target_rad - stage.angle_rad) / TURN_RAD), settled)

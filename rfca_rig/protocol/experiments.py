@@ -1,0 +1,85 @@
+"""The two experiments of the paper as plans: flapping at heights and speeds, and static stages of the shaft angle."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from rfca_rig.protocol.plan import Direction, Flap, Hold, Limits, MoveShaft, Plan, Rates, Rest, SetHeight, SettleCriterion, Stage
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One height of the rack and one speed of the shaft."""
+
+    height_m: float
+    speed_rad_s: float
+
+
+@dataclass(frozen=True)
+class Flapping:
+    """Strokes at each condition, `repeats` times; after a stroke the shaft goes on over the top to the start angle."""
+
+    title: str
+    conditions: Sequence[Condition]
+    repeats: int
+    sweep_rad: float
+    return_speed_rad_s: float
+    settle: SettleCriterion
+
+
+@dataclass(frozen=True)
+class StaticStages:
+    """Shaft angles to go through at each height, each with its direction of loading."""
+
+    title: str
+    heights_m: Sequence[float]
+    angles_rad: Sequence[tuple[float, Direction]]
+    move_speed_rad_s: float
+    settle: SettleCriterion
+    average_s: float
+
+
+@dataclass(frozen=True)
+class RigFacts:
+    """What a plan needs to know of the rig: where strokes start, where the shaft waits, ramp, limits, rates."""
+
+    start_angle_rad: float
+    parked_angle_rad: float
+    ramp_s: float
+    limits: Limits
+    rates: Rates
+
+
+def flapping_plan(experiment: Flapping, rig: RigFacts) -> Plan:
+    """Rack, start angle, then rest and stroke again and again; before the rack moves, back to where the shaft waits."""
+    return Plan(experiment.title, "dynamic", tuple(_flapping_stages(experiment, rig)), rig.limits, rig.rates)
+
+
+def _flapping_stages(experiment: Flapping, rig: RigFacts) -> Iterator[Stage]:
+    speed = experiment.return_speed_rad_s
+    for height_m, conditions in groupby(experiment.conditions, key=lambda condition: condition.height_m):
+        yield SetHeight(height_m)
+        yield MoveShaft(rig.start_angle_rad, speed)
+        for condition in conditions:
+            for repeat in range(1, experiment.repeats + 1):
+                yield Rest(experiment.settle)
+                yield Flap(height_m, condition.speed_rad_s, repeat, rig.ramp_s, experiment.sweep_rad)
+                yield MoveShaft(rig.start_angle_rad, speed, forwards=True)
+        yield MoveShaft(rig.parked_angle_rad, speed)
+
+
+def static_plan(experiment: StaticStages, rig: RigFacts) -> Plan:
+    """At each height: from the start angle through the stages, and back to where the shaft waits before the rack moves."""
+    return Plan(experiment.title, "static", tuple(_static_stages(experiment, rig)), rig.limits, rig.rates)
+
+
+def _static_stages(experiment: StaticStages, rig: RigFacts) -> Iterator[Stage]:
+    speed = experiment.move_speed_rad_s
+    for height_m in experiment.heights_m:
+        yield SetHeight(height_m)
+        yield MoveShaft(rig.start_angle_rad, speed)
+        for number, (angle_rad, direction) in enumerate(experiment.angles_rad, start=1):
+            yield MoveShaft(angle_rad, speed)
+            yield Hold(height_m, number, direction, angle_rad, experiment.settle, experiment.average_s)
+        yield MoveShaft(rig.start_angle_rad, speed)
+        yield MoveShaft(rig.parked_angle_rad, speed)

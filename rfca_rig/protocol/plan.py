@@ -1,0 +1,196 @@
+"""A plan is data: a list of frozen stages that the check, the printout, the progress bar and the run all walk."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+Direction = Literal["loading", "unloading"]
+
+FORCE_RECORD_BYTES = 6 * 4 + 4 + 4 + 8 + 8  # counts, sequence, status, host and device time
+SHAFT_RECORD_BYTES = 4 * 8
+
+
+@dataclass(frozen=True)
+class Rates:
+    """How often the devices report, for sizes."""
+
+    force_Hz: float
+    shaft_Hz: float
+
+    def bytes_in(self, duration_s: float) -> int:
+        """Uncompressed size of a recording of that length."""
+        return int(duration_s * (self.force_Hz * FORCE_RECORD_BYTES + self.shaft_Hz * SHAFT_RECORD_BYTES))
+
+
+class Stage(Protocol):
+    """One thing the rig does. `duration_s` is what it takes at most, limits excepted."""
+
+    @property
+    def label(self) -> str: ...
+
+    @property
+    def duration_s(self) -> float: ...
+
+    @property
+    def recorded_s(self) -> float: ...
+
+
+@dataclass(frozen=True)
+class SetHeight:
+    """The rack goes to a height of the shaft above the ground; on a real rig a person turns the lead screws."""
+
+    height_m: float
+    recorded_s: float = 0.0
+    duration_s: float = 0.0
+
+    @property
+    def label(self) -> str:
+        return f"rack to {1e3 * self.height_m:.1f} mm"
+
+
+@dataclass(frozen=True)
+class MoveShaft:
+    """The shaft turns to an angle at a bounded speed: the nearest way, or on forwards, over the top.
+
+    `longest_turn_rad` bounds the way for the plan's duration, as the plan does not know where the shaft will stand.
+    """
+
+    angle_rad: float
+    speed_rad_s: float
+    forwards: bool = False
+    longest_turn_rad: float = 2.0 * np.pi
+    recorded_s: float = 0.0
+
+    @property
+    def label(self) -> str:
+        return f"shaft to {np.degrees(self.angle_rad):.1f} deg"
+
+    @property
+    def duration_s(self) -> float:
+        return self.longest_turn_rad / self.speed_rad_s + MOVE_RAMP_S
+
+
+MOVE_RAMP_S = 0.2
+
+
+@dataclass(frozen=True)
+class SettleCriterion:
+    """Settled when force and angle stay inside their bands (peak to peak, of 50 ms means) for `for_s`; given up after `limit_s`."""
+
+    force_band_N: float
+    angle_band_rad: float
+    for_s: float
+    limit_s: float
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Holds the shaft until leg and sensor have come to rest."""
+
+    settle: SettleCriterion
+    recorded_s: float = 0.0
+    label: str = "come to rest"
+
+    @property
+    def duration_s(self) -> float:
+        return self.settle.limit_s
+
+
+@dataclass(frozen=True)
+class Flap:
+    """One recorded stroke: at rest for `before_s`, then linearly to speed within `ramp_s`, on for `sweep_rad`, then to a stop."""
+
+    height_m: float
+    speed_rad_s: float
+    repeat: int
+    ramp_s: float
+    sweep_rad: float
+    before_s: float = 0.2
+
+    @property
+    def label(self) -> str:
+        return f"flap {1e3 * self.height_m:.0f} mm, {self.speed_rad_s:g} rad/s, repeat {self.repeat}"
+
+    @property
+    def stroke_s(self) -> float:
+        """From the commanded start to the end of the sweep."""
+        return self.sweep_rad / self.speed_rad_s + 0.5 * self.ramp_s
+
+    @property
+    def recorded_s(self) -> float:
+        return self.before_s + self.stroke_s
+
+    @property
+    def duration_s(self) -> float:
+        return self.recorded_s + STOPPING_S
+
+
+STOPPING_S = 0.2
+
+
+@dataclass(frozen=True)
+class Hold:
+    """One recorded stage of the static experiment: the shaft stands until settled, then means are taken over `average_s`."""
+
+    height_m: float
+    number: int
+    direction: Direction
+    angle_rad: float
+    settle: SettleCriterion
+    average_s: float
+
+    @property
+    def label(self) -> str:
+        return f"hold {self.number} at {np.degrees(self.angle_rad):.1f} deg, {1e3 * self.height_m:.0f} mm, {self.direction}"
+
+    @property
+    def recorded_s(self) -> float:
+        return self.average_s
+
+    @property
+    def duration_s(self) -> float:
+        return self.settle.limit_s + self.average_s
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What stops the motion at once. All must be set; there is no 'unlimited'."""
+
+    force_N: float
+    torque_Nm: float
+    speed_rad_s: float
+    following_error_rad: float
+    following_error_s: float
+    sensor_silent_s: float
+    drive_silent_s: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run will do, in order."""
+
+    title: str
+    experiment: Literal["static", "dynamic"]
+    stages: Sequence[Stage]
+    limits: Limits
+    rates: Rates
+
+    @property
+    def duration_s(self) -> float:
+        """What the run takes at most, trips and hands on the lead screws excepted."""
+        return sum(stage.duration_s for stage in self.stages)
+
+    @property
+    def recorded_bytes(self) -> int:
+        """Size of the recording before compression."""
+        return sum(self.rates.bytes_in(stage.recorded_s) for stage in self.stages)
+
+    @property
+    def flaps(self) -> list[Flap]:
+        return [stage for stage in self.stages if isinstance(stage, Flap)]
+
+    @property
+    def holds(self) -> list[Hold]:
+        return [stage for stage in self.stages if isinstance(stage, Hold)]

@@ -1,0 +1,135 @@
+"""One condition drawn in the manner of the paper's Fig. 7 (c) to (f), with the residual below on a scale of its own."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.compare import ComparedCondition
+from rfca_rig.analysis.valley import Valley
+from rfca_rig.report.envelope import envelope
+from rfca_rig.report.inline_svg import inline_svg
+
+Floats = NDArray[np.float64]
+
+# A dark thin line over a light broad one: apart in greyscale and for every kind of colour vision, and both seen where they coincide.
+MEASURED = "#173f6b"
+SIMULATED = "#f2a93b"
+SIMULATED_EDGE = "#8a5200"
+FAINT = "#8a8a8a"
+
+COLUMNS = 330
+MOST_POINTS = 24000  # of all lines together; with many repeats each is drawn coarser
+SIZE_IN = (4.9, 3.5)
+FORCE_BOX = (0.125, 0.43, 0.86, 0.51)
+RESIDUAL_BOX = (0.125, 0.13, 0.86, 0.195)
+BEFORE_VALLEY_S = 0.01  # half the width of a valley's parabola
+STYLE: dict[Any, Any] = {
+    "font.size": 9.2,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 3.0,
+    "ytick.major.size": 3.0,
+    "path.simplify": False,
+}
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """The drawing as inline SVG, with what its caption has to say of its scales."""
+
+    svg: str
+    force_span_N: float
+    residual_limit_N: float
+    beyond_N: float | None
+
+
+def draw_overlay(compared: ComparedCondition, salt: str) -> Overlay:
+    """Measured strokes thin and dark, simulated broad and light, valleys marked; residual in its own axes.
+
+    The residual's scale covers everything up to the first valley, measured or simulated: where one stroke has let go and the other not,
+    the residual is as large as the force itself. What goes beyond is cut at the frame and told in `beyond_N`.
+    """
+    limit_N, beyond_N = _residual_scale(compared)
+    columns = min(COLUMNS, MOST_POINTS // (2 * (2 * len(compared.repeats) + len(compared.simulated))))
+    with mpl.rc_context():
+        mpl.rcdefaults()  # a reader's own matplotlibrc must not change the page
+        mpl.rcParams.update(STYLE)
+        figure = Figure(figsize=SIZE_IN)
+        force, residual = figure.add_axes(FORCE_BOX), figure.add_axes(RESIDUAL_BOX)
+        end_s = max((float(r.t_s[-1]) for r in compared.repeats if len(r.t_s)), default=float(compared.simulated[0].stroke.t_s[-1]))
+        _draw_force(force, compared, end_s, columns)
+        _draw_residual(residual, compared, limit_N, columns)
+        for axes in (force, residual):
+            axes.set_xlim(-0.1, end_s)
+        low, high = force.get_ylim()
+        svg = inline_svg(figure, salt, f"fz over time at {compared.condition.label}, measured and simulated, with the residual below")
+    return Overlay(svg, high - low, limit_N, beyond_N)
+
+
+def _draw_force(axes: Axes, compared: ComparedCondition, end_s: float, columns: int) -> None:
+    for model in compared.simulated:
+        shown = model.stroke.t_s <= end_s
+        axes.plot(*envelope(model.stroke.t_s[shown], model.stroke.fz_N[shown], columns), color=SIMULATED, lw=2.8, solid_capstyle="round")
+    for repeat in compared.repeats:
+        if len(repeat.t_s):
+            axes.plot(*envelope(repeat.t_s, repeat.fz_N, columns), color=MEASURED, lw=0.55)
+    _mark_valleys(axes, (s.valley for s in compared.simulated), marker="D", mfc=SIMULATED, mec=SIMULATED_EDGE, ms=5.0, mew=0.8)
+    _mark_valleys(axes, (r.valley for r in compared.repeats), marker="o", mfc="none", mec=MEASURED, ms=7.0, mew=0.8)
+    axes.margins(y=0.06)
+    axes.set_ylabel("fz (N)")
+    _mark_phases(axes, compared)
+
+
+def _mark_valleys(axes: Axes, valleys: Iterable[object], *, marker: str, mfc: str, mec: str, ms: float, mew: float) -> None:
+    found = [v for v in valleys if isinstance(v, Valley)]
+    axes.plot([v.time_s for v in found], [v.fz_N for v in found], ls="", marker=marker, mfc=mfc, mec=mec, ms=ms, mew=mew, zorder=5)
+
+
+def _mark_phases(axes: Axes, compared: ComparedCondition) -> None:
+    """Borders as the mean over the repeats that reached them."""
+    names = {"touchdown_s": ("contact", "center"), "valley_s": ("valley", "right"), "lift_off_s": ("lift-off", "left")}
+    for name, (word, side) in names.items():
+        reached = [t for t in (getattr(r.phases, name) for r in compared.repeats) if np.isfinite(t)]
+        if reached:
+            at_s = float(np.mean(reached))
+            axes.axvline(at_s, color=FAINT, lw=0.5, ls=(0, (2, 2)), zorder=0)
+            axes.text(at_s, 1.01, word, transform=axes.get_xaxis_transform(), ha=side, va="bottom", fontsize=8.2, color="#555555")
+
+
+def _draw_residual(axes: Axes, compared: ComparedCondition, limit_N: float, columns: int) -> None:
+    axes.axhline(0.0, color=SIMULATED, lw=1.6)
+    for repeat in compared.repeats:
+        known = np.isfinite(repeat.residual_N)
+        if known.any():
+            axes.plot(*envelope(repeat.t_s[known], repeat.residual_N[known], columns), color=MEASURED, lw=0.45)
+    axes.set_ylim(-limit_N, limit_N)
+    axes.set_yticks([-limit_N, 0.0, limit_N])
+    axes.set_xlabel("time from the start of the motion (s)")
+    axes.set_ylabel("residual (N)")
+
+
+def _residual_scale(compared: ComparedCondition) -> tuple[float, float | None]:
+    """(a round number that covers the residual up to the first valley, the greatest residual if it is beyond)."""
+    valleys = [s.valley for s in compared.simulated] + [r.valley for r in compared.repeats]
+    first_s = min((v.time_s for v in valleys if isinstance(v, Valley)), default=np.inf) - BEFORE_VALLEY_S
+    before, anywhere = 0.0, 0.0
+    for repeat in compared.repeats:
+        size = np.nan_to_num(np.abs(repeat.residual_N))
+        before = max(before, float(size[repeat.t_s < first_s].max(initial=0.0)))
+        anywhere = max(anywhere, float(size.max(initial=0.0)))
+    limit_N = _round_up(max(before, 1.0))
+    return limit_N, anywhere if anywhere > limit_N else None
+
+
+def _round_up(value: float) -> float:
+    decade = 10.0 ** np.floor(np.log10(value))
+    return float(next(step * decade for step in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0) if step * decade >= value))

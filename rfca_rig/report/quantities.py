@@ -1,0 +1,52 @@
+"""Names that carry their unit, taken apart for a reader: k0_Nm_per_rad is "k0" in N m/rad."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from rfca_rig.model.parameters import RigModel
+
+UNITS = {
+    "_Nm_s_per_rad": ("N m s/rad", 1.0),
+    "_Nm_per_rad": ("N m/rad", 1.0),
+    "_N_per_m1p5": ("N/m^1.5", 1.0),
+    "_N_s_per_m": ("N s/m", 1.0),
+    "_N_per_m": ("N/m", 1.0),
+    "_s_per_m": ("s/m", 1.0),
+    "_per_rad2": ("1/rad²", 1.0),
+    "_rad": ("rad", 1.0),
+    "_kg": ("g", 1e3),
+    "_m": ("mm", 1e3),
+    "_s": ("s", 1.0),
+}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One line of a table of parameters."""
+
+    section: str
+    name: str
+    value: str
+    unit: str
+
+
+def quantities_of(rig: RigModel) -> list[Quantity]:
+    """Every parameter of the model, section by section, in a laboratory's units; new ones appear by themselves."""
+    return [
+        _quantity(section.name, parameter.name, getattr(getattr(rig, section.name), parameter.name))
+        for section in fields(rig)
+        for parameter in fields(getattr(rig, section.name))
+    ]
+
+
+def _quantity(section: str, name: str, value: Any) -> Quantity:
+    ending = next((ending for ending in UNITS if name.endswith(ending)), "")
+    unit, factor = UNITS.get(ending, ("", 1.0))
+    return Quantity(section, name.removesuffix(ending).replace("_", " "), _number(value, factor), unit)
+
+
+def _number(value: Any, factor: float) -> str:
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ", ".join(_number(each, factor) for each in value)
+    return f"{factor * value:.6g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)

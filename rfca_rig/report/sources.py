@@ -1,0 +1,50 @@
+"""The recordings of a report, each with the model it is held against and a name that no other has."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rfca_rig.analysis.compare import ComparedCondition, compare_condition
+from rfca_rig.analysis.counterpart import Shaft
+from rfca_rig.analysis.repeats import conditions_of
+from rfca_rig.analysis.table2 import Row, row_of
+from rfca_rig.description.believed import believed_model
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.recording.form import Recording
+
+
+@dataclass(frozen=True)
+class ComparedSource:
+    """One recording compared condition by condition; `rows` go with `compared`, one for one.
+
+    `rig` is None where nothing was believed and there is no stroke to hold a model against.
+    """
+
+    name: str
+    recording: Recording
+    rig: RigModel | None
+    compared: tuple[ComparedCondition, ...]
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        return tuple(row_of(compared, self.name) for compared in self.compared)
+
+
+def compare_sources(recordings: Sequence[Recording], shaft: Shaft, model: RigModel | None = None) -> tuple[ComparedSource, ...]:
+    """Each recording against `model`, or, where none is given, against the model it was believed to follow.
+
+    Raises BadInput where the believed values make no model, SimulationFailed.
+    """
+    names = _distinct([recording.title for recording in recordings])
+    return tuple(_compared(name, recording, shaft, model) for name, recording in zip(names, recordings, strict=True))
+
+
+def _compared(name: str, recording: Recording, shaft: Shaft, model: RigModel | None) -> ComparedSource:
+    if not recording.strokes and not recording.believed:
+        return ComparedSource(name, recording, model, ())
+    rig = model or believed_model(recording.believed)
+    return ComparedSource(name, recording, rig, tuple(compare_condition(rig, c, shaft) for c in conditions_of(recording.strokes)))
+
+
+def _distinct(titles: Sequence[str]) -> list[str]:
+    """Equal titles are numbered in their order."""
+    return [f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title for i, title in enumerate(titles)]

@@ -1,0 +1,81 @@
+"""Numbers and findings as the page says them."""
+
+import re
+
+from rfca_rig.analysis.compare import ComparedCondition
+from rfca_rig.analysis.counterpart import Shaft
+from rfca_rig.report.overlay import Overlay
+
+NOTHING = "\u2013"  # en dash
+MINUS = "\u2212"
+NO_BREAK = "\u00a0"
+
+MARK_MEANINGS = {
+    "SIM": "SIM was recorded on simulated twins: nothing in it was measured.",
+    "REAL": "REAL was recorded on a rig.",
+    "IMPORT": "IMPORT came from files written elsewhere.",
+}
+
+SHAFT_WORDS = {
+    "average": "the shaft at the average speed of the strokes, as the paper does",
+    "commanded": "the shaft at the commanded speed",
+    "recorded": "the shaft following the recorded motion of each stroke, valleys averaged over the repeats",
+}
+
+DEFINITION = (
+    "The valley is the most negative fz between touchdown, the first 30 ms of contact, and lift-off, where fz comes back to its level "
+    "before the motion; its time counts from the start of the motion, and parabolas over 20 ms of the trace give both, alike for "
+    "measured and simulated strokes. The phases of a stroke are rest before the start, free until contact, touchdown, loading to the "
+    "valley, release to lift-off, and rebound."
+)
+
+
+def number(value: float | None, digits: int) -> str:
+    """With a true minus sign, and without the sign where all digits shown are zero."""
+    if value is None:
+        return NOTHING
+    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", MINUS)
+
+
+def spread(mean: float | None, std: float | None, digits: int) -> str:
+    """Mean ± standard deviation; the mean alone where there is one value."""
+    return number(mean, digits) if std is None else f"{number(mean, digits)} ± {std:.{digits}f}"
+
+
+def unbroken(text: str) -> str:
+    """The same with its units tied to their numbers, so that no line begins with a unit."""
+    return re.sub(r"(?<=[\dN]) (?=(?:N|mm|ms|m|rad/s|s|%)(?![\w]))", NO_BREAK, text)
+
+
+def counted(count: int, one: str, many: str | None = None) -> str:
+    """As in "1 stroke", "27 strokes"."""
+    return f"{count} {one if count == 1 else many or one + 's'}"
+
+
+def shaft_sentence(compared: ComparedCondition, shaft: Shaft) -> str:
+    """What turned the simulated shaft, with the speed."""
+    speeds = [model.shaft_speed_rad_s for model in compared.simulated]
+    mean = f"{sum(speeds) / len(speeds):.3f} rad/s"
+    taken_from = " and ".join(sorted({model.shaft_taken_from for model in compared.simulated}))
+    if shaft == "recorded":
+        return f"Simulated along the recorded motion ({taken_from}; {mean} on average)."
+    return f"Simulated at {mean} ({'commanded' if taken_from == 'command' else 'average, from the recorded ' + taken_from})."
+
+
+def rms_sentence(compared: ComparedCondition) -> str:
+    """The residual's root mean square, phase by phase."""
+    rms = compared.rms_N()
+    if not rms:
+        return "There is no residual: fz was not recorded."
+    return "Residual (measured minus simulated), rms: " + ", ".join(f"{phase} {value:.2f} N" for phase, value in rms.items()) + "."
+
+
+def scales_sentence(overlay: Overlay) -> str:
+    """The two scales, since the eye would compare them otherwise, and what leaves the residual's."""
+    wide, narrow = overlay.force_span_N, 2.0 * overlay.residual_limit_N
+    said = f"The axis of the residual spans ±{overlay.residual_limit_N:g} N, {wide / narrow:.0f} times finer than the force axis."
+    if wide / narrow < 1.5:
+        said = f"The axis of the residual spans ±{overlay.residual_limit_N:g} N."
+    if overlay.beyond_N is None:
+        return said
+    return f"{said} After the first valley the residual goes beyond it, to {overlay.beyond_N:.1f} N."

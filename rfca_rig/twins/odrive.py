@@ -1,0 +1,179 @@
+"""The drive's side of the CAN wire: an ODrive with firmware 0.6 on the motor that turns the shaft."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from math import isfinite, tau
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.codecs import cansimple
+from rfca_rig.codecs.cansimple import AxisState, Command, ControlMode, Heartbeat, Message, Version
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.codecs.odrive_meanings import ESTOP_REQUESTED, MISSING_INPUT, WATCHDOG_EXPIRED
+from rfca_rig.twins.plant import ShaftDrive, ShaftState
+from rfca_rig.twins.speed_loop import LoopGains, SetPoint, SpeedLoop
+from rfca_rig.twins.ticks import Ticks
+
+Floats = NDArray[np.float64]
+
+DISARMED = 3  # procedure result
+FIRMWARE = Version(firmware=(0, 6, 10), hardware=(4, 4, 58))
+
+
+@dataclass(frozen=True)
+class OdriveTwinSettings:
+    """How the drive is configured. `watchdog_s` None leaves it off, as an ODrive comes from the factory.
+
+    `arming_error` is an error word that every attempt to close the loop ends in; 0 for a healthy drive.
+    """
+
+    node_id: int = 0
+    gear_ratio: float = 1.0
+    direction: int = 1
+    zero_turns: float = 0.0
+    gains: LoopGains = field(default_factory=LoopGains)
+    watchdog_s: float | None = 0.1
+    encoder_period_s: float = 1e-3
+    heartbeat_period_s: float = 0.1
+    arming_error: int = 0
+
+
+class OdriveTwin:
+    """Takes frames, gives the torque on the shaft, sends reports. Brought forward step by step by a world:
+
+    `take_frames`, `drive`, then, after the plant moved, `passed`.
+
+    Set-points stay as last commanded when the loop closes. Some firmware moves them to the measured angle then; a driver that
+    relies on it jerks on the others.
+    """
+
+    def __init__(self, bus: can.BusABC, settings: OdriveTwinSettings) -> None:
+        self._bus = bus
+        self._settings = settings
+        self._loop = SpeedLoop(settings.gains)
+        self._wanted = SetPoint()
+        self._state = AxisState.IDLE
+        self._error = 0
+        self._result = 0
+        self._fed_s = 0.0
+        self._encoder_ticks = Ticks(settings.encoder_period_s)
+        self._heartbeat_ticks = Ticks(settings.heartbeat_period_s)
+
+    def take_frames(self, now_s: float) -> None:
+        """Obeys what has come in. Any frame for this node feeds the watchdog; frames that cannot be read are ignored."""
+        while (message := self._bus.recv(timeout=0)) is not None:
+            if not message.is_extended_id and not message.is_error_frame and self._is_mine(message.arbitration_id):
+                self._fed_s = now_s
+                self._take(message)
+        self._check_watchdog(now_s)
+
+    def _is_mine(self, arbitration_id: int) -> bool:
+        return cansimple.node_of(arbitration_id) in {self._settings.node_id, cansimple.BROADCAST_NODE}
+
+    def _take(self, message: can.Message) -> None:
+        if message.is_remote_frame:
+            self._answer(message.arbitration_id & 0x1F)
+            return
+        try:
+            self._obey(cansimple.decode(message.arbitration_id, message.data))
+        except MalformedFrame:
+            return  # the firmware says nothing either
+
+    def _answer(self, command: int) -> None:
+        node = self._settings.node_id
+        if command == Command.VERSION:
+            self._send(cansimple.version(node, FIRMWARE))
+        elif command == Command.HEARTBEAT:
+            self._send(cansimple.heartbeat(node, self._beat()))
+        elif command == Command.ERRORS:
+            self._send(cansimple.errors(node, cansimple.ErrorReport(self._error, self._error)))
+
+    def _obey(self, order: Message | None) -> None:
+        wanted, rad = self._wanted, self._rad_per_turn
+        match order:
+            case cansimple.SetAxisState():
+                self._request(order.state)
+            case cansimple.SetControllerMode():
+                wanted.mode = order.control_mode
+            case cansimple.SetInputPos():
+                wanted.angle_rad = (order.position_turns - self._settings.zero_turns) * rad
+                wanted.speed_rad_s, wanted.torque_Nm = order.speed_turns_s * rad, order.torque_Nm * self._torque_ratio
+            case cansimple.SetInputVel():
+                wanted.speed_rad_s, wanted.torque_Nm = order.speed_turns_s * rad, order.torque_Nm * self._torque_ratio
+            case cansimple.SetInputTorque():
+                wanted.torque_Nm = order.torque_Nm * self._torque_ratio
+            case cansimple.ClearErrors():
+                self._error = 0
+            case cansimple.Estop():
+                self.fail(ESTOP_REQUESTED)
+        if not (isfinite(wanted.angle_rad) and isfinite(wanted.speed_rad_s) and isfinite(wanted.torque_Nm)):
+            self._wanted = SetPoint(wanted.mode)
+            self.fail(MISSING_INPUT)
+
+    def _request(self, state: int) -> None:
+        if state == AxisState.IDLE:
+            self._state, self._result = AxisState.IDLE, 0
+        elif state == AxisState.CLOSED_LOOP and self._settings.arming_error:
+            self.fail(self._settings.arming_error)
+        elif state == AxisState.CLOSED_LOOP and not self._error and self._state != AxisState.CLOSED_LOOP:
+            self._state, self._result = AxisState.CLOSED_LOOP, 0
+            self._loop.reset()
+
+    def fail(self, error: int) -> None:
+        """An error of the drive's own: bits are added to its error word, and the motor goes idle."""
+        self._error |= error
+        self._state, self._result = AxisState.IDLE, DISARMED
+
+    def _check_watchdog(self, now_s: float) -> None:
+        limit_s = self._settings.watchdog_s
+        if limit_s is not None and self._state == AxisState.CLOSED_LOOP and now_s - self._fed_s > limit_s:
+            self.fail(WATCHDOG_EXPIRED)
+
+    def drive(self, shaft: ShaftState) -> ShaftDrive:
+        """The torque on the shaft until the next step."""
+        return self._loop.law(self._wanted, shaft) if self._state == AxisState.CLOSED_LOOP else ShaftDrive()
+
+    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
+        """Takes in a step of the plant under `law` that ended at `now_s`, and reports what became due in it."""
+        if self._state == AxisState.CLOSED_LOOP:
+            self._loop.passed(self._wanted, elapsed_s, before, after)
+        due_s = self._encoder_ticks.until(now_s).tolist()
+        for angle_rad, speed_rad_s in _between(due_s, elapsed_s, now_s, before, after):
+            self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
+        for _ in self._heartbeat_ticks.until(now_s):
+            self._send(cansimple.heartbeat(self._settings.node_id, self._beat()))
+
+    def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
+        node, rad = self._settings.node_id, self._rad_per_turn
+        torque_Nm /= self._torque_ratio
+        self._send(cansimple.torques(node, torque_Nm, torque_Nm))
+        self._send(cansimple.encoder_estimates(node, self._settings.zero_turns + angle_rad / rad, speed_rad_s / rad))
+
+    def _beat(self) -> Heartbeat:
+        return Heartbeat(self._error, self._state, self._result, trajectory_done=self._wanted.mode != ControlMode.POSITION)
+
+    def _send(self, frame: cansimple.Frame) -> None:
+        self._bus.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False))
+
+    @property
+    def _rad_per_turn(self) -> float:
+        return self._settings.direction * tau / self._settings.gear_ratio
+
+    @property
+    def _torque_ratio(self) -> float:
+        return self._settings.direction * self._settings.gear_ratio
+
+
+def _between(due_s: list[float], elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState) -> Iterator[tuple[float, float]]:
+    """Angle and speed at the moments of a step that ended at `now_s`: the cubic through angle and speed at its ends."""
+    turned_rad = after.angle_rad - before.angle_rad
+    left_rad, right_rad = before.speed_rad_s * elapsed_s, after.speed_rad_s * elapsed_s
+    square, cube = 3.0 * turned_rad - 2.0 * left_rad - right_rad, left_rad + right_rad - 2.0 * turned_rad
+    for moment_s in due_s:
+        x = 1.0 + (moment_s - now_s) / elapsed_s
+        yield (
+            before.angle_rad + x * (left_rad + x * (square + x * cube)),
+            before.speed_rad_s + x * (2.0 * square + 3.0 * x * cube) / elapsed_s,
+        )

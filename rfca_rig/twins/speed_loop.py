@@ -1,0 +1,72 @@
+"""The cascaded controller of an ODrive, seen from the shaft: angle to speed to torque, with an integrator."""
+
+from dataclasses import dataclass
+from math import copysign
+
+from rfca_rig.codecs.cansimple import ControlMode
+from rfca_rig.twins.plant import ShaftDrive, ShaftState
+
+
+@dataclass(frozen=True)
+class LoopGains:
+    """At the shaft. The angle gain turns an angle error into a speed set-point."""
+
+    speed_gain_Nm_s_per_rad: float = 8.0
+    integral_gain_Nm_per_rad: float = 60.0
+    angle_gain_per_s: float = 20.0
+    torque_limit_Nm: float = 40.0
+
+
+@dataclass
+class SetPoint:
+    """Last ones commanded, at the shaft. Which of them count depends on the mode."""
+
+    mode: int = ControlMode.POSITION
+    angle_rad: float = 0.0
+    speed_rad_s: float = 0.0
+    torque_Nm: float = 0.0
+
+
+class SpeedLoop:
+    """Holds the integrator. `law` is the torque until the next step; `passed` lets the integrator take in what happened."""
+
+    def __init__(self, gains: LoopGains) -> None:
+        self._gains = gains
+        self._integral_Nm = 0.0
+        self._limited = False
+
+    def reset(self) -> None:
+        self._integral_Nm = 0.0
+
+    def law(self, wanted: SetPoint, shaft: ShaftState) -> ShaftDrive:
+        """Within the torque limit as of the beginning of the step: beyond it the torque is constant for that step."""
+        free = self._unlimited(wanted)
+        torque_Nm = free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s)
+        self._limited = abs(torque_Nm) > self._gains.torque_limit_Nm
+        return ShaftDrive(feed_Nm=copysign(self._gains.torque_limit_Nm, torque_Nm)) if self._limited else free
+
+    def _unlimited(self, wanted: SetPoint) -> ShaftDrive:
+        gains = self._gains
+        if wanted.mode == ControlMode.TORQUE:
+            return ShaftDrive(feed_Nm=wanted.torque_Nm)
+        angle_gain = gains.angle_gain_per_s * gains.speed_gain_Nm_s_per_rad if wanted.mode == ControlMode.POSITION else 0.0
+        return ShaftDrive(
+            feed_Nm=wanted.torque_Nm + self._integral_Nm,
+            angle_gain_Nm_per_rad=angle_gain,
+            angle_rad=wanted.angle_rad,
+            speed_gain_Nm_s_per_rad=gains.speed_gain_Nm_s_per_rad,
+            speed_rad_s=wanted.speed_rad_s,
+        )
+
+    def passed(self, wanted: SetPoint, elapsed_s: float, before: ShaftState, after: ShaftState) -> None:
+        """The integral of the speed error over the step: the shaft's own turn is exact, its mean angle the trapezoid's.
+
+        It stands still while the torque limit holds, as drives do against wind-up.
+        """
+        if self._limited or wanted.mode == ControlMode.TORQUE:
+            return
+        error_rad = wanted.speed_rad_s * elapsed_s - (after.angle_rad - before.angle_rad)
+        if wanted.mode == ControlMode.POSITION:
+            behind_rad = wanted.angle_rad - 0.5 * (before.angle_rad + after.angle_rad)
+            error_rad += self._gains.angle_gain_per_s * behind_rad * elapsed_s
+        self._integral_Nm += self._gains.integral_gain_Nm_per_rad * error_rad

@@ -1,0 +1,40 @@
+"""Motor twin, sensor twin and plant, brought forward together."""
+
+from math import ceil
+
+from rfca_rig.twins.netft import NetFtTwin
+from rfca_rig.twins.odrive import OdriveTwin
+from rfca_rig.twins.plant import Plant
+
+LONGEST_STEP_S = 2e-3
+
+
+class TwinWorld:
+    """`process(to_s)` is what a twin clock carries along. Knows no wall clock; the same calls give the same bytes.
+
+    Steps are at most `longest_step_s` long: so often does the drive's loop look at its integrator, its torque limit and its
+    watchdog. Encoder reports within a step lie on a cubic between its ends, force samples are the plant's own.
+    """
+
+    def __init__(self, plant: Plant, motor: OdriveTwin, sensor: NetFtTwin, longest_step_s: float = LONGEST_STEP_S) -> None:
+        self._plant = plant
+        self._motor = motor
+        self._sensor = sensor
+        self._longest_step_s = longest_step_s
+        self._now_s = 0.0
+
+    def process(self, to_s: float) -> None:
+        """Carries everything from where it stands to `to_s`."""
+        began_s = self._now_s
+        steps = ceil((to_s - began_s) / self._longest_step_s - 1e-6)
+        for step in range(1, steps + 1):
+            self._step(to_s if step == steps else began_s + (to_s - began_s) * step / steps)
+
+    def _step(self, to_s: float) -> None:
+        self._motor.take_frames(self._now_s)
+        self._sensor.take_requests()
+        before = self._plant.shaft()
+        law = self._motor.drive(before)
+        self._sensor.measured(self._plant.advance(to_s, law, self._sensor.due(to_s)))
+        self._motor.passed(to_s - self._now_s, to_s, before, self._plant.shaft(), law)
+        self._now_s = to_s

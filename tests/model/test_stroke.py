@@ -1,0 +1,128 @@
+"""A whole stroke: what the sensor feels, contact, friction, accuracy, robustness."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.chain import Tolerance
+from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
+from rfca_rig.model.stroke import stroke_at_speed, stroke_following
+from tests.model.legs import PAPER
+
+T = np.arange(-100, 1250) * 1e-3
+
+
+@pytest.fixture(scope="module")
+def stroke():
+    return stroke_at_speed(PAPER, 0.215, 2.433, T)
+
+
+def test_at_rest_the_sensor_feels_the_weight_and_the_motor_holds_it(stroke):
+    resting = T < 0
+    assert stroke.fz_N[resting] == pytest.approx(0.32 * 9.81)
+    assert stroke.fy_N[resting] == pytest.approx(0.0, abs=1e-9)
+    assert -0.46 < stroke.shaft_torque_Nm[0] < -0.42
+
+
+def test_force_on_the_mount_is_weight_and_ground_less_the_change_of_momentum(stroke):
+    lengths, masses = np.array(PAPER.leg.link_lengths_m), np.array(PAPER.leg.link_masses_kg)
+    y, depth = np.cumsum(lengths * np.cos(stroke.q_rad), axis=1), np.cumsum(lengths * np.sin(stroke.q_rad), axis=1)
+    y, depth = y - 0.5 * lengths * np.cos(stroke.q_rad), depth - 0.5 * lengths * np.sin(stroke.q_rad)
+    up_to_the_valley = slice(450, 1100)  # smooth there, so that second differences of 1 ms samples are worth something
+    for place, weight, ground, felt in (
+        (depth, 0.32 * 9.81, -stroke.normal_N.sum(axis=1), stroke.fz_N),
+        (-y, 0.0, -stroke.tangential_N.sum(axis=1), stroke.fy_N),
+    ):
+        momentum_rate = np.gradient(np.gradient(place @ masses, T), T)
+        assert np.abs((weight + ground - momentum_rate - felt)[up_to_the_valley]).max() < 0.05
+
+
+def test_power_of_the_motor_goes_into_springs_and_motion_and_is_lost_in_damping_and_ground(stroke):
+    lengths = np.array(PAPER.leg.link_lengths_m)
+    w = np.gradient(stroke.q_rad, T, axis=0)
+    phi, rate = np.diff(stroke.q_rad, axis=1), np.diff(w, axis=1)
+    spring = (0.5 * 10.98 * phi**2 + 0.25 * 10.98 * 4.56 * phi**4).sum(axis=1)
+    masses = np.array(PAPER.leg.link_masses_kg)
+    v_y, v_d = np.cumsum(-lengths * np.sin(stroke.q_rad) * w, axis=1), np.cumsum(lengths * np.cos(stroke.q_rad) * w, axis=1)
+    c_y, c_d = v_y + 0.5 * lengths * np.sin(stroke.q_rad) * w, v_d - 0.5 * lengths * np.cos(stroke.q_rad) * w
+    kinetic = (0.5 * masses * (c_y**2 + c_d**2) + masses * lengths**2 / 24 * w**2).sum(axis=1)
+    ground = -(stroke.normal_N * v_d).sum(axis=1) + (stroke.tangential_N * (v_y - 0.003 * w)).sum(axis=1)
+    supplied = stroke.shaft_torque_Nm * w[:, 0] + 9.81 * c_d @ masses + ground - 0.088 * (rate**2).sum(axis=1)
+    part = slice(450, 1100)
+    gained = (spring + kinetic)[part][-1] - (spring + kinetic)[part][0]
+    assert np.trapezoid(supplied[part], T[part]) == pytest.approx(gained, rel=2e-3)
+
+
+def test_sliding_friction_is_mu_times_the_normal_force_and_the_floor_s_drag(stroke):
+    sliding = slice(700, 1100)
+    w = np.gradient(stroke.q_rad, T, axis=0)
+    slip = (-np.array(PAPER.leg.link_lengths_m) * np.sin(stroke.q_rad) * w).sum(axis=1) - 0.003 * w[:, -1]
+    expected = 0.41 * stroke.normal_N[:, -1] - 2.0 * slip
+    assert stroke.tangential_N[sliding, -1] == pytest.approx(expected[sliding], abs=0.01)
+
+
+def test_the_valley_does_not_depend_on_the_tolerance(stroke):
+    tight = stroke_at_speed(PAPER, 0.215, 2.433, T, Tolerance(1e-7, 3e-4))
+    assert stroke.fz_N.min() == pytest.approx(tight.fz_N.min(), rel=2e-4)
+    assert T[stroke.fz_N.argmin()] == pytest.approx(T[tight.fz_N.argmin()], abs=1.1e-3)
+
+
+def test_the_same_stroke_twice_is_the_same_to_the_last_bit(stroke):
+    again = stroke_at_speed(PAPER, 0.215, 2.433, T)
+    assert again.fz_N.tobytes() == stroke.fz_N.tobytes()
+
+
+def pressed_and_held() -> tuple[np.ndarray, ShaftMotion]:
+    """Down to 80 degrees in a second, a little back, and then held for a minute."""
+    angles, breaks = np.radians([14.1, 80.0, 79.0, 79.0]), np.array([0.0, 1.0, 1.5, 62.0])
+    speeds = np.diff(angles) / np.diff(breaks)
+    coefficients = np.array([[angle, speed, 0.0, 0.0] for angle, speed in zip(angles[:-1], speeds, strict=True)])
+    return np.linspace(2.0, 62.0, 601), ShaftMotion(breaks, coefficients, breaks[:-1])
+
+
+def test_a_leg_held_under_load_for_a_minute_keeps_its_tangential_force():
+    t, motion = pressed_and_held()
+    held = stroke_following(replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.6)), 0.215, motion, t)
+    late = held.tangential_N.sum(axis=1)[t > 4.0]
+    assert abs(late[0]) > 0.3
+    assert abs(late[0]) < 0.99 * 0.6 * held.normal_N.sum(axis=1)[-1]  # inside the cone: stuck, not about to slide
+    assert np.ptp(late) < 1e-3 * abs(late[0])
+
+
+def test_an_end_at_rest_on_the_ground_sinks_as_deep_as_hertz_says():
+    t, motion = pressed_and_held()
+    held = stroke_following(PAPER, 0.215, motion, t)
+    depth = (np.array(PAPER.leg.link_lengths_m) * np.sin(held.q_rad[-1])).sum() + 0.003 - 0.215
+    assert held.normal_N[-1, -1] == pytest.approx(1e5 * depth**1.5, rel=1e-6)
+
+
+def test_following_a_noisy_record_of_the_shaft_gives_the_commanded_stroke(stroke):
+    noise = np.random.default_rng(3).normal(0.0, 1e-4, len(T))
+    followed = stroke_following(PAPER, 0.215, follow(T, stroke.shaft_angle_rad + noise), T)
+    assert followed.fz_N.min() == pytest.approx(stroke.fz_N.min(), rel=2e-3)
+    assert np.sqrt(np.mean((followed.fz_N - stroke.fz_N)[T < 1.0] ** 2)) < 0.1
+
+
+def test_values_no_leg_has_end_in_one_clear_line_not_in_nan():
+    broken = replace(PAPER, leg=replace(PAPER.leg, k0_Nm_per_rad=float("nan")))
+    with pytest.raises(SimulationFailed, match=r"rest pose|no step"):
+        stroke_at_speed(broken, 0.215, 2.433, T)
+
+
+@pytest.mark.parametrize("case", range(24))
+def test_wide_parameters_neither_fail_nor_depend_on_the_tolerance(case):
+    random = np.random.default_rng(case)
+    leg = replace(
+        PAPER.leg,
+        k0_Nm_per_rad=10.98 * 10 ** random.uniform(-0.5, 0.5),
+        hinge_damping_Nm_s_per_rad=0.088 * 10 ** random.uniform(-0.5, 0.5),
+    )
+    ground = replace(PAPER.ground, friction_coefficient=random.uniform(0.2, 1.3), stiffness_N_per_m1p5=10 ** random.uniform(4.5, 6.5))
+    rig, motion = replace(PAPER, leg=leg, ground=ground), ramp_to_speed(PAPER.leg.start_angle_rad, 3.0, 0.05, 1.0)
+    t = np.arange(1, 700) * 1e-3
+    plain, tight = (stroke_following(rig, 0.215, motion, t, tolerance) for tolerance in (Tolerance(), Tolerance(1e-5, 3e-2)))
+    late = slice(300, None)  # the touchdown's spikes are chaotic on a hard floor; loading is not
+    assert np.isfinite(plain.fz_N).all()
+    assert np.sqrt(np.mean((plain.fz_N - tight.fz_N)[late] ** 2)) < 5e-3 * np.abs(tight.fz_N[late]).max()

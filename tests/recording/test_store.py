@@ -1,0 +1,163 @@
+import dataclasses
+import errno
+import os
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rfca_rig.errors import BadInput, RigError
+from rfca_rig.recording import atomic
+from rfca_rig.recording.form import Column, Recording, Stream, Stroke
+from rfca_rig.recording.store import image_of, read_recording, write_recording
+from tests.recording.same import assert_same
+from tests.recording.samples import recording, stroke
+
+
+def test_a_recording_comes_back_as_it_was(tmp_path: Path):
+    written = recording()
+    assert_same(read_recording(write_recording(written, tmp_path / "run.h5")), written)
+
+
+def test_a_recording_without_strokes_stages_or_samples_comes_back(tmp_path: Path):
+    empty = Stroke(0.2, 3.0, 1, {"force": Stream(np.array([]), {"fz_N": Column(np.array([], dtype=np.int32), "N", 2.0)})})
+    for written in (recording(0, 0), dataclasses.replace(recording(0, 0), strokes=(empty,))):
+        assert_same(read_recording(write_recording(written, tmp_path / "run.h5")), written)
+
+
+def test_the_same_recording_gives_the_same_bytes(tmp_path: Path):
+    one, two = write_recording(recording(), tmp_path / "one.h5"), write_recording(recording(), tmp_path / "two.h5")
+    assert one.read_bytes() == two.read_bytes()
+
+
+def test_more_than_999_strokes_keep_their_order(tmp_path: Path):
+    times = Stream(np.array([0.0]), {})
+    written = dataclasses.replace(recording(0, 0), strokes=tuple(Stroke(0.2, 3.0, k, {"force": times}) for k in range(1, 1003)))
+    assert [found.repeat for found in read_recording(write_recording(written, tmp_path / "run.h5")).strokes] == list(range(1, 1003))
+
+
+def test_a_height_written_in_mm_is_exact(tmp_path: Path):
+    heights_m = [height_mm / 1e3 for height_mm in np.round(np.arange(150.0, 300.0, 0.7), 1).tolist()]
+    strokes = tuple(dataclasses.replace(stroke(1, 2), height_m=height_m) for height_m in heights_m)
+    path = write_recording(dataclasses.replace(recording(0, 0), strokes=strokes), tmp_path / "run.h5")
+    assert [found.height_m for found in read_recording(path).strokes] == heights_m
+    with h5py.File(path) as file:
+        assert file["strokes/002"].attrs["height_mm"] == 150.7
+
+
+@pytest.mark.parametrize("name", ["speed_m/s", "a%2Fb", ".", "Kraft (µN)", "a b"])
+def test_any_column_name_survives(tmp_path: Path, name: str):
+    stream = Stream(np.array([0.0, 1.0]), {name: Column(np.array([3.0, 4.0]), "")})
+    written = dataclasses.replace(recording(0, 0), strokes=(Stroke(0.2, 3.0, 1, {"table": stream}),))
+    assert_same(read_recording(write_recording(written, tmp_path / "run.h5")), written)
+
+
+def test_other_programs_find_time_units_and_scale(tmp_path: Path):
+    with h5py.File(write_recording(recording(), tmp_path / "run.h5")) as file:
+        fz = file["strokes/001/force/fz_N"]
+        assert fz.dims[0][0] == file["strokes/001/force/t_s"]
+        assert fz.dtype == np.int32
+        assert (fz.attrs["units"], fz.attrs["conversion"], fz.attrs["offset"]) == ("N", 1e-6, 0.25)
+        assert (fz.compression, fz.compression_opts, fz.shuffle) == ("gzip", 1, True)
+        assert file["strokes/001/force/t_s"].attrs["units"] == "s"
+        assert file.attrs["source"] == file["strokes/001/force"].attrs["source"] == "SIM"
+        assert "t_s" not in file
+
+
+def test_a_seven_kilohertz_stroke_is_written_well_under_100_ms(tmp_path: Path):
+    long = dataclasses.replace(recording(0, 0), strokes=(stroke(1, samples=15_400),))
+    write_recording(long, tmp_path / "warm.h5")
+    began_s = time.perf_counter()
+    write_recording(long, tmp_path / "run.h5")
+    assert time.perf_counter() - began_s < 0.1
+
+
+def test_columns_that_are_not_rows_of_numbers_are_refused_and_nothing_is_left(tmp_path: Path):
+    t_s = np.array([0.0, 1.0])
+    for raw in (np.array(["a", "b"]), np.zeros((2, 2)), np.zeros(3)):
+        bad = Stroke(0.2, 3.0, 1, {"force": Stream(t_s, {"fz_N": Column(raw, "N")})})
+        with pytest.raises(ValueError, match="fz_N"):
+            write_recording(dataclasses.replace(recording(0, 0), strokes=(bad,)), tmp_path / "run.h5")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_leaves_the_file_that_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = write_recording(recording(1), tmp_path / "run.h5")
+    before = path.read_bytes()
+    monkeypatch.setattr(atomic.os, "fsync", _full_disk)
+    with pytest.raises(RigError, match=r"run\.h5: .* MB cannot be written: No space left on device"):
+        write_recording(recording(2), path)
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["run.h5"]
+
+
+def _full_disk(_: int) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(BadInput) as caught:
+        read_recording(path)
+    said = str(caught.value)
+    assert said.startswith(f"{path}: ")
+    assert "\n" not in said
+    return said
+
+
+def test_a_file_cut_short_is_one_line(tmp_path: Path):
+    content = image_of(recording())
+    for kept in (0, 7, 100, 5000, len(content) // 2, len(content) - 100):
+        (tmp_path / "cut.h5").write_bytes(content[:kept])
+        assert "not a whole recording" in refusal(tmp_path / "cut.h5")
+
+
+def test_a_single_flipped_bit_is_noticed(tmp_path: Path):
+    content = image_of(recording())
+    for place in np.random.default_rng(3).integers(0, len(content) - 41, 50):
+        damaged = bytearray(content)
+        damaged[place] ^= 1
+        (tmp_path / "flipped.h5").write_bytes(damaged)
+        assert "checksum" in refusal(tmp_path / "flipped.h5")
+
+
+def test_a_file_that_another_program_edited_still_opens(tmp_path: Path):
+    path = write_recording(recording(), tmp_path / "run.h5")
+    with h5py.File(path, "r+") as file:
+        file.attrs["note"] = "checked by hand"
+    assert_same(read_recording(path), recording())
+
+
+def test_files_of_another_kind_are_refused(tmp_path: Path):
+    (tmp_path / "text.h5").write_text("t_s,fz_N\n")
+    assert "not a whole recording" in refusal(tmp_path / "text.h5")
+    with h5py.File(tmp_path / "foreign.h5", "w") as file:
+        file["x"] = 1
+    assert "without format attribute" in refusal(tmp_path / "foreign.h5")
+    with h5py.File(tmp_path / "newer.h5", "w") as file:
+        file.attrs["format"] = "rfca-recording/2"
+    assert "'rfca-recording/2', where a recording of format 'rfca-recording/1' is needed" in refusal(tmp_path / "newer.h5")
+    assert "is not there" in refusal(tmp_path / "absent.h5")
+
+
+@pytest.mark.parametrize("gone", ["provenance", "strokes", "strokes/001/force/fz_N", "static/fz_N"])
+def test_a_recording_with_a_part_missing_is_refused(tmp_path: Path, gone: str):
+    path = write_recording(recording(), tmp_path / "run.h5")
+    with h5py.File(path, "r+") as file:
+        del file[gone]
+    assert "not a whole recording" in refusal(path)
+
+
+def test_a_simulated_stream_in_a_real_recording_is_refused(tmp_path: Path):
+    path = write_recording(dataclasses.replace(recording(), source="REAL"), tmp_path / "run.h5")
+    with h5py.File(path, "r+") as file:
+        file["strokes/002/force"].attrs["source"] = "SIM"
+    assert "/strokes/002/force is marked SIM in a recording marked REAL" in refusal(path)
+
+
+def test_nothing_of_the_form_is_lost_on_the_way():
+    """A field added to the form must be added to the store too."""
+    assert [field.name for field in dataclasses.fields(Recording)] == [
+        "title", "source", "believed", "known_to", "strokes", "static", "provenance"
+    ]  # fmt: skip
