@@ -1,0 +1,1 @@
+"""What recordings say: phases and valleys of strokes, set against the model's."""

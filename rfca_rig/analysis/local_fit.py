@@ -12,9 +12,13 @@ FEWEST_SAMPLES = 5  # three are the parabola itself; two more begin to average n
 
 @dataclass(frozen=True)
 class LocalFit:
-    """The parabola fitted around each of `t_s` (m,): value, slope per second, curvature per second squared; NaN where samples lack."""
+    """The parabola fitted around each of `t_s` (m,): value, slope per second, curvature per second squared; NaN where samples lack.
+
+    `mean` of the same samples is blunter, but unlike a parabola beside a jump it never goes beyond them.
+    """
 
     t_s: Floats
+    mean: Floats
     value: Floats
     slope: Floats
     curvature: Floats
@@ -34,7 +38,8 @@ def local_quadratic(t_s: Floats, values: Floats, at_s: Floats, width_s: float) -
     x = np.where(inside, (t_s[pick] - at_s[:, None]) / (0.5 * width_s), 0.0)
     y = np.where(inside, values[pick], 0.0)
     c = _parabolas(x, y, inside, count >= FEWEST_SAMPLES)
-    return LocalFit(at_s, c[:, 0], c[:, 1] / (0.5 * width_s), 2.0 * c[:, 2] / (0.5 * width_s) ** 2)
+    mean = np.where(np.isnan(c[:, 0]), np.nan, y.sum(1) / np.maximum(count, 1))
+    return LocalFit(at_s, mean, c[:, 0], c[:, 1] / (0.5 * width_s), 2.0 * c[:, 2] / (0.5 * width_s) ** 2)
 
 
 def _parabolas(x: Floats, y: Floats, inside: NDArray[np.bool_], enough: NDArray[np.bool_]) -> Floats:

@@ -61,7 +61,7 @@ class StrokePhases:
 
 
 def smoothed(t_s: Floats, fz_N: Floats) -> LocalFit:
-    """The trace on a 1 ms grid, each value from a parabola over 20 ms; ends where half a window still fits."""
+    """The trace on a 1 ms grid, fitted over 20 ms around each moment; ends where half a window still fits."""
     start, end = float(t_s[0]) + 0.5 * SMOOTHING_S, float(t_s[-1]) - 0.5 * SMOOTHING_S
     grid = GRID_S * np.arange(np.ceil(start / GRID_S), np.floor(end / GRID_S) + 1)
     return local_quadratic(t_s, fz_N, grid, SMOOTHING_S)
@@ -99,7 +99,7 @@ def _rest_level(t_s: Floats, fz_N: Floats) -> float:
 
 def _pressing(smooth: LocalFit, rest_N: float) -> slice | None:
     """Grid stretch of the first long push. Spike, whip and rebound may be deeper, but carry a fraction of its impulse."""
-    below_N = rest_N - smooth.value
+    below_N = rest_N - smooth.mean
     inside = (below_N > PRESSING_DEPTH * below_N.max()) & (smooth.t_s > 0.0)
     turns = np.diff(np.concatenate([[0], inside.astype(np.int8), [0]]))
     stretches = [slice(int(a), int(b)) for a, b in zip(np.flatnonzero(turns > 0), np.flatnonzero(turns < 0), strict=True)]

@@ -64,7 +64,7 @@ def _touch_s(stroke: SimulatedStroke) -> float | None:
 def predict_stroke(rig: RigModel, height_m: float, speed_rad_s: float, sweep_deg: float) -> Prediction:
     """A stroke from the start angle over `sweep_deg` at constant speed, sampled at 1 kHz."""
     end_s = float(np.radians(sweep_deg)) / speed_rad_s + 0.5 * rig.drive.ramp_s
-    t_s = np.arange(-round(BEFORE_S / SAMPLE_S), max(int(end_s / SAMPLE_S), 1) + 1) * SAMPLE_S
+    t_s = np.arange(-round(BEFORE_S / SAMPLE_S), max(int(end_s / SAMPLE_S), 1) + 1, dtype=np.float64) * SAMPLE_S
     return Prediction(height_m, speed_rad_s, stroke_at_speed(rig, height_m, speed_rad_s, t_s))
 
 

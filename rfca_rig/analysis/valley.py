@@ -71,17 +71,17 @@ def _valley_within(t_s: Floats, fz_N: Floats, smooth: LocalFit, contact: Contact
     window = np.flatnonzero((smooth.t_s >= begin_s) & (smooth.t_s < contact.lift_off_s))
     if len(window) < 3:
         return Refused(f"contact at {contact.touchdown_s:.3f} s lasts less than touchdown, {1e3 * TOUCHDOWN_LASTS_S:.0f} ms")
-    lowest = int(window[smooth.value[window].argmin()])
+    lowest = int(window[smooth.mean[window].argmin()])
     refusal = _at_an_edge(smooth, window, lowest, contact)
     return refusal or _where_slope_vanishes(t_s, fz_N, smooth, lowest)
 
 
 def _at_an_edge(smooth: LocalFit, window: NDArray[np.intp], lowest: int, contact: Contact) -> Refused | None:
     """A minimum at a border of the window is the border's doing. Towards the end the force must have risen visibly again."""
-    time_s, fz_N = smooth.t_s[lowest], smooth.value[lowest]
+    time_s, fz_N = smooth.t_s[lowest], smooth.mean[lowest]
     if time_s - smooth.t_s[window[0]] < 0.5 * SMOOTHING_S:
         return Refused(f"fz is lowest, {fz_N:.1f} N, right after touchdown at {contact.touchdown_s:.3f} s: the spike outweighs the loading")
-    risen_N = smooth.value[window[-1]] - fz_N
+    risen_N = smooth.mean[window[-1]] - fz_N
     if not np.isfinite(contact.lift_off_s) and risen_N < PRESSING_DEPTH * (contact.rest_N - fz_N):
         return Refused(f"fz still falls, {fz_N:.1f} N at {time_s:.3f} s, where the recording ends: record longer")
     return None

@@ -5,8 +5,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stroke import stroke_at_speed, stroke_following
-from rfca_rig.protocol.plan import Hold, MoveShaft, Plan, SetHeight, Stage
+from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed, stroke_following
+from rfca_rig.protocol.check import Load
+from rfca_rig.protocol.plan import Hold, MoveShaft, Plan, SetHeight, Stage, way_to
 
 Floats = NDArray[np.float64]
 
@@ -15,8 +16,8 @@ SLOW_SAMPLE_S = 1e-2
 HOLD_S = 0.5  # enough for the model to settle
 
 
-def expected_force_N(plan: Plan, rig: RigModel) -> dict[Stage, float]:
-    """Largest force (fy and fz together) that the model predicts in each recorded stage.
+def expected_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
+    """The load that the model predicts in each stroke, and in each move and hold of a static sequence.
 
     A static sequence is followed at one height after the other, as the plan moves the shaft, so that a leg which wedges when
     it is pushed back is seen beforehand.
@@ -24,21 +25,22 @@ def expected_force_N(plan: Plan, rig: RigModel) -> dict[Stage, float]:
     return {**_flaps(plan, rig), **_holds(plan, rig)}
 
 
-def _flaps(plan: Plan, rig: RigModel) -> dict[Stage, float]:
-    by_condition: dict[tuple[float, float], float] = {}
+def _flaps(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
+    by_condition: dict[tuple[float, float], Load] = {}
     for flap in plan.flaps:
         condition = (flap.height_m, flap.speed_rad_s)
         if condition not in by_condition:
             t_s = np.arange(0.0, flap.stroke_s, SAMPLE_S)
             stroke = stroke_at_speed(rig, flap.height_m, flap.speed_rad_s, t_s)
-            by_condition[condition] = float(np.hypot(stroke.fy_N, stroke.fz_N).max())
+            by_condition[condition] = _load(stroke, slice(None))
     return {flap: by_condition[flap.height_m, flap.speed_rad_s] for flap in plan.flaps}
 
 
-def _holds(plan: Plan, rig: RigModel) -> dict[Stage, float]:
-    expected: dict[Stage, float] = {}
+def _holds(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
+    expected: dict[Stage, Load] = {}
     for height_m, stages in _sequences(plan):
-        expected.update(_along(height_m, stages, rig))
+        for stage, load in _along(height_m, stages, rig).items():
+            expected[stage] = load.with_more(expected.get(stage, load))
     return expected
 
 
@@ -53,22 +55,25 @@ def _sequences(plan: Plan) -> list[tuple[float, list[MoveShaft | Hold]]]:
     return [(height_m, stages) for height_m, stages in found if any(isinstance(stage, Hold) for stage in stages)]
 
 
-def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> dict[Stage, float]:
-    """Follows the shaft through moves at their speeds and short holds; for each hold the largest force until its end."""
+def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> dict[Stage, Load]:
+    """Follows the shaft through moves at their speeds and short holds; the load within each stage."""
     angles, times = [rig.leg.start_angle_rad], [0.0]
-    ends_s: dict[Stage, float] = {}
     for stage in stages:
-        if isinstance(stage, MoveShaft):
-            times.append(times[-1] + max(abs(stage.angle_rad - angles[-1]) / stage.speed_rad_s, SLOW_SAMPLE_S))
-            angles.append(stage.angle_rad)
-        else:
-            times.append(times[-1] + HOLD_S)
-            angles.append(angles[-1])
-            ends_s[stage] = times[-1]
+        way_rad = way_to(stage.angle_rad, angles[-1], stage.forwards) if isinstance(stage, MoveShaft) else 0.0
+        times.append(times[-1] + (max(abs(way_rad) / stage.speed_rad_s, SLOW_SAMPLE_S) if isinstance(stage, MoveShaft) else HOLD_S))
+        angles.append(angles[-1] + way_rad)
     t_s = np.arange(0.0, times[-1], SLOW_SAMPLE_S)
     held = stroke_following(rig, height_m, _polyline(np.array(times), np.array(angles)), t_s)
-    force_N = np.hypot(held.fy_N, held.fz_N)
-    return {stage: float(force_N[t_s <= end_s].max()) for stage, end_s in ends_s.items()}
+    expected: dict[Stage, Load] = {}
+    for stage, begin_s, end_s in zip(stages, times, times[1:], strict=False):
+        load = _load(held, (t_s >= begin_s) & (t_s <= end_s))
+        expected[stage] = load.with_more(expected.get(stage, load))
+    return expected
+
+
+def _load(stroke: SimulatedStroke, part: slice | NDArray[np.bool_]) -> Load:
+    force_N = np.hypot(stroke.fy_N[part], stroke.fz_N[part])
+    return Load(float(force_N.max(initial=0.0)), float(np.abs(stroke.tx_Nm[part]).max(initial=0.0)))
 
 
 def _polyline(times_s: Floats, angles_rad: Floats) -> ShaftMotion:

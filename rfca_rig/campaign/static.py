@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import cast
 
 from rfca_rig.campaign.columns import STATIC, STATIC_NEEDED, fault_in_names
-from rfca_rig.campaign.table import Table, fault_in_number, read_table, rows
+from rfca_rig.campaign.table import Table, number, read_table, rows
 from rfca_rig.channels import HINGES
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.form import Direction, StaticStage
@@ -30,7 +30,7 @@ def read_stages(path: Path) -> tuple[tuple[StaticStage, ...], Extra]:
 
 
 def _stage(table: Table, row: int, cells: Mapping[str, str]) -> StaticStage:
-    value = {name: _number(table, row, name, cells[name]) for name in STATIC if name in cells and name != "direction"}
+    value = {name: number(table, row, name, cells[name]) for name in STATIC if name in cells and name != "direction"}
     return StaticStage(
         height_m=_positive(table, row, "height_mm", value["height_mm"]) / 1e3,
         stage=_whole(table, row, "stage", value["stage"]),
@@ -41,12 +41,6 @@ def _stage(table: Table, row: int, cells: Mapping[str, str]) -> StaticStage:
         fz_N=value["fz_N"],
         tx_Nm=value["tx_Nm"],
     )
-
-
-def _number(table: Table, row: int, name: str, cell: str) -> float:
-    if said := fault_in_number(cell):
-        raise table.fault(row, f"column {name}: {said}")
-    return float(cell)
 
 
 def _positive(table: Table, row: int, name: str, value: float) -> float:

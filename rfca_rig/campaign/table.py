@@ -53,36 +53,41 @@ def _names(path: Path, header: str) -> tuple[str, ...]:
             raise BadInput(
                 f"{path}:1: columns are separated by {shown}; export it again with commas between columns and a decimal point in numbers"
             )
-    return tuple(name.strip() for name in next(csv.reader([header])))
+    return tuple(name.strip() for name in next(csv.reader([header], skipinitialspace=True)))
 
 
 def numbers(table: Table) -> Floats:
     """All cells (rows, columns) as finite numbers. Raises BadInput naming line and column of the first that is not one."""
-    values = _all_numbers(table.lines)
+    values = _fast(table.lines)
     if values is None or values.shape != (len(table.lines), len(table.names)) or not np.isfinite(values).all():
-        raise _first_fault(table)
+        return _with_care(table)
     return values
 
 
-def _all_numbers(lines: Sequence[str]) -> Floats | None:
+def _fast(lines: Sequence[str]) -> Floats | None:
     try:
         return np.loadtxt(lines, delimiter=",", dtype=np.float64, comments=None, quotechar='"', ndmin=2)
     except ValueError:
         return None
 
 
-def _first_fault(table: Table) -> BadInput:
-    for row, cells in enumerate(rows(table)):
-        for name, cell in zip(table.names, cells, strict=True):
-            if said := fault_in_number(cell):
-                return table.fault(row, f"column {name}: {said}")
-    return BadInput(f"{table.path}: cannot be read as numbers")
+def _with_care(table: Table) -> Floats:
+    return np.array(
+        [[number(table, row, *named) for named in zip(table.names, cells, strict=True)] for row, cells in enumerate(rows(table))]
+    )
+
+
+def number(table: Table, row: int, name: str, cell: str) -> float:
+    """The cell in data line `row`, from 0, as a finite number; raises BadInput naming line and column."""
+    if said := _fault_in_number(cell):
+        raise table.fault(row, f"column {name}: {said}")
+    return float(cell)
 
 
 def rows(table: Table) -> Iterator[tuple[str, ...]]:
     """The cells of each data line, as text without blanks around it. Raises BadInput where a line has not one cell per column."""
     for row, line in enumerate(table.lines):
-        cells = tuple(cell.strip() for cell in next(csv.reader([line]), ()))
+        cells = tuple(cell.strip() for cell in next(csv.reader([line], skipinitialspace=True), ()))
         if len(cells) != len(table.names):
             raise table.fault(row, _wrong_count(len(cells), len(table.names)))
         yield cells
@@ -95,8 +100,7 @@ def _wrong_count(cells: int, columns: int) -> str:
     return f"{cells} cells in the line for {columns} columns in the header{comma}"
 
 
-def fault_in_number(cell: str) -> str | None:
-    """What keeps a cell from being a finite number, or None."""
+def _fault_in_number(cell: str) -> str | None:
     if not cell:
         return "the cell is empty; every cell needs a number (leave out a column that was not measured)"
     if _DECIMAL_COMMA.fullmatch(cell):

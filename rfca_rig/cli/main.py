@@ -5,10 +5,11 @@ import sys
 from typing import Annotated
 
 import typer
+from typer.exceptions import Abort, TyperException
 
 from rfca_rig import __version__
 from rfca_rig.cli import dynamic, importing, predicting, reporting, static
-from rfca_rig.errors import RigError, Stopped
+from rfca_rig.errors import BadInput, RigError, Stopped
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
 
@@ -45,10 +46,12 @@ def _options(
 def run() -> None:
     """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 130 stopped."""
     try:
-        app()
+        sys.exit(app(standalone_mode=False) or 0)
+    except TyperException as error:
+        _leave(_usage_text(error), BadInput.exit_code)
     except RigError as error:
         _leave(str(error), error.exit_code)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Abort):
         _leave("stopped by the operator", Stopped.exit_code)
     except BrokenPipeError:
         sys.stderr.close()
@@ -59,6 +62,14 @@ def run() -> None:
         _leave(f"this is a mistake in rfca-rig, not yours: {type(error).__name__}: {error}; {DEBUG_VARIABLE}=1 shows where", 1)
 
 
+def _usage_text(error: TyperException) -> str:
+    """One line; empty where the help has been printed already, because nothing was asked for."""
+    said = " ".join(error.format_message().split())
+    context = getattr(error, "ctx", None)
+    return f"{said} See {context.command_path} --help" if said and context is not None else said
+
+
 def _leave(message: str, exit_code: int) -> None:
-    typer.echo(f"rfca-rig: {message}", err=True)
+    if message:
+        typer.echo(f"rfca-rig: {message}", err=True)
     sys.exit(exit_code)

@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 
 from rfca_rig import __version__
-from rfca_rig.bench.expectation import expected_force_N
+from rfca_rig.bench.expectation import expected_loads
 from rfca_rig.bench.make import open_bench
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.places import new_run_folder
@@ -16,7 +16,7 @@ from rfca_rig.description.rig_file import RigFile
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.model.compiled import is_warm
-from rfca_rig.protocol.check import check_plan
+from rfca_rig.protocol.check import Load, check_plan
 from rfca_rig.protocol.plan import Flap, Hold, Plan, Stage
 from rfca_rig.recording.form import Recording
 from rfca_rig.recording.run_file import RunFile
@@ -55,7 +55,7 @@ def carry_out(order: Order, on_stage: Callable[[Stage, Recorder, Say], None]) ->
     say = marked(order.mark, order.quiet)
     if not is_warm():
         say("compiling the model, once on this machine, about ten seconds ...")
-    expected = expected_force_N(order.plan, order.rig.model())
+    expected = expected_loads(order.plan, order.rig.model())
     check_plan(order.plan, expected)
     _print_plan(order, expected, say)
     if order.dry:
@@ -65,10 +65,10 @@ def carry_out(order: Order, on_stage: Callable[[Stage, Recorder, Say], None]) ->
     return _record(order, on_stage)
 
 
-def _print_plan(order: Order, expected_N: Mapping[Stage, float], say: Say) -> None:
+def _print_plan(order: Order, expected: Mapping[Stage, Load], say: Say) -> None:
     plan, limits = order.plan, order.plan.limits
     say(f"{order.rig.rig.title}: {plan.title}, {len(plan.flaps)} strokes, {len(plan.holds)} static stages, {len(plan.stages)} steps in all")
-    for line in _conditions(plan, expected_N):
+    for line in _conditions(plan, expected):
         say(f"  {line}")
     say(
         f"  limits {limits.force_N:g} N, {limits.torque_Nm:g} N m, {limits.speed_rad_s:g} rad/s; "
@@ -76,10 +76,11 @@ def _print_plan(order: Order, expected_N: Mapping[Stage, float], say: Say) -> No
     )
 
 
-def _conditions(plan: Plan, expected_N: Mapping[Stage, float]) -> list[str]:
+def _conditions(plan: Plan, expected: Mapping[Stage, Load]) -> list[str]:
     lines: dict[str, int] = {}
     for stage in plan.stages:
-        force = f", model expects up to {expected_N[stage]:.0f} N" if stage in expected_N else ""
+        load = expected.get(stage)
+        force = "" if load is None else f", model expects up to {load.force_N:.0f} N and {load.torque_Nm:.1f} N m"
         if isinstance(stage, Flap):
             line = f"{1e3 * stage.height_m:.1f} mm, {stage.speed_rad_s:g} rad/s{force}"
         elif isinstance(stage, Hold):
@@ -121,8 +122,12 @@ def _record(order: Order, on_stage: Callable[[Stage, Recorder, Say], None]) -> t
 
 def _keep(file: RunFile, recorder: Recorder, folder: Path, say: Say, why: str) -> None:
     """A run cut short keeps what it recorded; one that recorded nothing leaves nothing behind."""
-    file.finish({"ended": why})
-    say(f"kept {len(recorder.strokes)} strokes and {len(recorder.stages)} static stages in {folder}")
+    if recorder.strokes or recorder.stages:
+        file.finish({"ended": why})
+        say(f"kept {len(recorder.strokes)} strokes and {len(recorder.stages)} static stages in {folder}")
+        return
+    file.discard()
+    folder.rmdir()
 
 
 def _header(order: Order, started_at: str) -> Recording:

@@ -3,9 +3,9 @@
 from rfca_rig.errors import DeviceError
 
 
-class MalformedFrame(DeviceError):  # noqa: N818 (named for what is wrong, as in errors.py)
+class MalformedFrame(DeviceError):
     """Bytes that are not what the protocol says they should be."""
 
 
-class NotEncodable(DeviceError):  # noqa: N818 (named for what is wrong, as in errors.py)
+class NotEncodable(DeviceError):
     """A value outside what the field of a frame can carry."""

@@ -121,7 +121,7 @@ class RigFile(Section):
 
     def believed(self) -> dict[str, Any]:
         """The sections that go into every recording, as plain data."""
-        return self.model_dump(include={"leg", "ground", "sensor", "drive"}, exclude_none=True)
+        return self.model_dump(include={"leg", "ground", "sensor", "drive"}, exclude_none=True, mode="json")
 
     def model(self) -> RigModel:
         """The model as believed."""

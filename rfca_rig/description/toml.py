@@ -79,14 +79,25 @@ class _Fault:
         self.kind = error["type"]
         self.key = _key_in_file(error, data)
         self.likely: str | None = None
-        said = _SAID.get(self.kind) or _plain(error)
+        said = _plain(error)
         if self.kind == "extra_forbidden":
             self.likely = _likely_key(self.key, model)
             said = f"unknown key; did you mean {self.likely}?" if self.likely else f"unknown key; known are {_known(self.key, model)}"
         self.text = f"{_shown(self.key)}: {said}" if self.key else said
 
 
-_SAID = {"missing": "missing", "union_tag_not_found": "missing the key that says which kind it is"}
+_IN_WORDS = {
+    "missing": "missing",
+    "union_tag_not_found": "{discriminator} is missing",
+    "union_tag_invalid": "{discriminator} should be one of {expected_tags}, not '{tag}'",
+    "tuple_type": "should be a list",
+    "list_type": "should be a list",
+    "model_type": "should be a table",
+    "too_short": "should have {min_length} or more entries, not {actual_length}",
+    "float_type": "should be a number",
+    "int_type": "should be a whole number",
+    "string_type": "should be text",
+}
 
 
 def _first_fault(error: ValidationError, model: type[BaseModel], data: Any) -> tuple[_Fault, str]:
@@ -125,9 +136,11 @@ def _shown(key: Key) -> str:
 
 
 def _plain(error: ErrorDetails) -> str:
-    said = _lower(error["msg"].removeprefix("Value error, ").replace("Input should be", "should be"))
-    simple = error["input"] if isinstance(error["input"], str | int | float | bool) else None
-    return said if simple is None else f"{said}, not {simple!r}"
+    if error["type"] in _IN_WORDS:
+        said = _IN_WORDS[error["type"]].format(**error.get("ctx", {}))
+    else:
+        said = _lower(error["msg"].removeprefix("Value error, ").replace("Input should be", "should be"))
+    return f"{said}, not {error['input']!r}" if isinstance(error["input"], str | int | float) else said
 
 
 def _lower(text: str) -> str:

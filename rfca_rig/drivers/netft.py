@@ -92,8 +92,7 @@ class NetFtSensor:
         self._read_s = self._clock.now_s()
         blocks = [block for datagram in self._datagrams.receive_all() if (block := self._decoded(datagram)) is not None]
         if not blocks or not self._running:
-            return _samples(NOTHING, np.empty(0, np.int64), 0.0, 0.0)
-        self._heard_s = self._read_s
+            return NOTHING
         records = blocks[0] if len(blocks) == 1 else _joined(blocks)
         picked, numbers = self._sequence.take(records.rdt_sequence)
         if len(picked) < len(records.status) or len(blocks) > 1:
@@ -113,6 +112,7 @@ class NetFtSensor:
         """Status and progress of the sensor itself."""
         if len(numbers) == 0:
             return
+        self._heard_s = self._read_s
         if records.status.any():
             faulty = ~np.isin(records.status, list(WARNINGS))
             self._faulty += int(faulty.sum())
@@ -133,7 +133,7 @@ class NetFtSensor:
             )
 
     def silent_s(self) -> float:
-        """Time from the last good datagram, or the start, to the last `read`."""
+        """Time from the `read` that last brought a new record, or from the start, to the last `read`."""
         return self._read_s - self._heard_s
 
     def scale(self) -> SensorScale:
@@ -167,8 +167,7 @@ class NetFtSensor:
         }
 
 
-_NO_WORDS = np.empty(0, np.uint32)
-NOTHING = Records(_NO_WORDS, _NO_WORDS, _NO_WORDS, np.empty((0, 6), np.int32))
+NOTHING = ForceSamples(np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0, np.uint32), np.empty((0, 6), np.int32))
 
 
 def _joined(blocks: list[Records]) -> Records:

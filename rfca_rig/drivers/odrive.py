@@ -6,8 +6,8 @@ import can
 
 from rfca_rig.clock import Clock
 from rfca_rig.codecs import cansimple
-from rfca_rig.codecs.cansimple import AxisState, Command, ControlMode, Frame, Heartbeat
 from rfca_rig.codecs.odrive_meanings import WATCHDOG_EXPIRED, error_text, result_text, state_text
+from rfca_rig.codecs.odrive_messages import AxisState, Command, ControlMode, Heartbeat
 from rfca_rig.drivers.odrive_reports import OdriveReports
 from rfca_rig.drivers.odrive_scale import OdriveSettings
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
@@ -73,7 +73,7 @@ class OdriveMotor:
                 f"{1e3 * self._settings.encoder_period_s:g} ms; set the drive's encoder_msg_rate_ms or encoder_period_s"
             )
 
-    def _await_closed_loop(self, hold: Frame) -> None:
+    def _await_closed_loop(self, hold: cansimple.Frame) -> None:
         self._reports.recount()
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
         while self._reports.heartbeats == 0 or self._beat().state != AxisState.CLOSED_LOOP:
@@ -174,7 +174,7 @@ class OdriveMotor:
             "encoder_frames_lost": str(self._reports.lost_frames),
         }
 
-    def _send(self, frame: Frame, remote: bool = False) -> None:
+    def _send(self, frame: cansimple.Frame, remote: bool = False) -> None:
         message = can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False, is_remote_frame=remote)
         try:
             self._bus.send(message, timeout=0.0)

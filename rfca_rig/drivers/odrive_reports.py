@@ -4,8 +4,8 @@ import can
 import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs import cansimple
-from rfca_rig.codecs.cansimple import EncoderEstimates, Heartbeat, Iq, Torques, Version
+from rfca_rig.codecs import cansimple, odrive_messages
+from rfca_rig.codecs.odrive_messages import EncoderEstimates, Heartbeat, Iq, Torques, Version
 from rfca_rig.drivers.frame_count import FrameCount
 from rfca_rig.drivers.odrive_scale import OdriveSettings
 from rfca_rig.drivers.roles import ShaftSamples
@@ -92,7 +92,7 @@ class OdriveReports:
             self._own_frames += 1
             self._hear(cansimple.decode(message.arbitration_id, message.data))
 
-    def _hear(self, message: cansimple.Message | None) -> None:
+    def _hear(self, message: odrive_messages.Message | None) -> None:
         constant = self._settings.torque_constant_Nm_per_A
         match message:
             case EncoderEstimates():

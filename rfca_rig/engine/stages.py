@@ -9,10 +9,9 @@ from rfca_rig.drivers.roles import ForceSamples, ShaftSamples
 from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.settling import PERIOD_S as HOLD_PERIOD_S
 from rfca_rig.engine.settling import settle
-from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, Flap, Hold, MoveShaft
+from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Flap, Hold, MoveShaft, way_to
 
 TICK_S = 0.002
-TURN_RAD = 2.0 * math.pi
 
 
 @dataclass(frozen=True)
@@ -31,9 +30,7 @@ class Recorded:
 
 def move(loop: Loop, stage: MoveShaft) -> None:
     """A trapezoid of speed towards the angle, the nearest way or forwards."""
-    way_rad = math.remainder(stage.angle_rad - loop.target_rad, TURN_RAD)
-    if stage.forwards and way_rad < 0.0:
-        way_rad += TURN_RAD
+    way_rad = way_to(stage.angle_rad, loop.target_rad, stage.forwards)
     start_rad, goal_rad = loop.target_rad, loop.target_rad + way_rad
     duration_s = abs(way_rad) / stage.speed_rad_s + MOVE_RAMP_S
     for k in range(1, math.ceil(duration_s / TICK_S) + 1):

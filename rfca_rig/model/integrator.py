@@ -87,9 +87,10 @@ def try_step(chain: Chain, shaft: Shaft, state: State, t: float, t_new: float, t
 
 
 @compiled
-def fill_samples(state: State, work: Work, t: float, h: float, first: int, out: Samples) -> int:
-    """Samples inside (t, t + h]: angles by cubic Hermite (order 4), the rest by straight lines (order 2)."""
-    while first < out.t.size and out.t[first] <= t + h:
+def fill_samples(state: State, work: Work, t: float, t_new: float, first: int, out: Samples) -> int:
+    """Samples inside (t, t_new]: angles by cubic Hermite (order 4), the rest by straight lines (order 2)."""
+    h = t_new - t
+    while first < out.t.size and out.t[first] <= t_new:
         x = (out.t[first] - t) / h
         for i in range(state.q.size):
             rise, m0, m1 = work.q[i] - state.q[i], h * state.w[i], h * work.w[i]
@@ -105,10 +106,10 @@ def fill_samples(state: State, work: Work, t: float, h: float, first: int, out: 
 
 
 @compiled
-def accept(chain: Chain, state: State, t: float, h: float, first: int, work: Work, out: Samples) -> int:
+def accept(chain: Chain, state: State, t: float, t_new: float, first: int, work: Work, out: Samples) -> int:
     """Takes over the step in `work`: samples, anchors, state. Returns the next sample's index."""
     measure(chain, work.q, work.w, work.a, state.anchor, work, work.force)
-    first = fill_samples(state, work, t, h, first, out)
+    first = fill_samples(state, work, t, t_new, first, out)
     drag_anchors(chain, work.q, state.anchor, work.contact)
     state.q[:], state.w[:], state.a[:] = work.q, work.w, work.a
     work.force_old[:], work.contact_old[:] = work.force, work.contact
@@ -143,7 +144,7 @@ def integrate(
             if h < SHORTEST_STEP_S:
                 return STEP_TOO_SHORT, h, accepted, rejected
             continue
-        sample = accept(chain, state, t, t_new - t, sample, work, out)
+        sample = accept(chain, state, t, t_new, sample, work, out)
         accepted += 1
         longer = (t_new - t) * min(3.0, 0.9 / np.sqrt(error))
         h = max(h, longer) if t_new - t < h else longer  # a step cut short by a landing says nothing against h

@@ -1,6 +1,7 @@
 """The check of a whole plan before anything moves."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,17 +9,27 @@ from rfca_rig.errors import BadInput
 from rfca_rig.protocol.plan import Flap, Hold, MoveShaft, Plan, Stage
 
 
-def check_plan(plan: Plan, expected_force_N: Mapping[Stage, float]) -> None:
-    """Raises BadInput, naming the stage, where the plan passes a limit.
+@dataclass(frozen=True)
+class Load:
+    """The largest force (along the ground and up together) and moment about the shaft's axis that the sensor is to feel."""
 
-    `expected_force_N` is the largest force the model predicts in a stage, where it was asked.
-    """
+    force_N: float
+    torque_Nm: float
+
+    def with_more(self, other: "Load") -> "Load":
+        """The larger of each."""
+        return Load(max(self.force_N, other.force_N), max(self.torque_Nm, other.torque_Nm))
+
+
+def check_plan(plan: Plan, expected: Mapping[Stage, Load]) -> None:
+    """Raises BadInput, naming the stage, where the plan passes a limit. `expected` is the load of a stage, where known."""
     if not plan.flaps and not plan.holds:
         raise BadInput(f"{plan.title}: nothing to record; give at least one condition, or one shaft angle")
     for stage in plan.stages:
         _check_speed(stage, plan)
         _check_angle(stage)
-        _check_force(stage, plan, expected_force_N.get(stage))
+        if stage in expected:
+            _check_load(stage, plan, expected[stage])
 
 
 def _check_speed(stage: Stage, plan: Plan) -> None:
@@ -34,9 +45,10 @@ def _check_angle(stage: Stage) -> None:
         raise BadInput(f"{stage.label}: static shaft angles lie between 0 and 180 degrees; beyond, the leg leaves the ground")
 
 
-def _check_force(stage: Stage, plan: Plan, expected_N: float | None) -> None:
-    if expected_N is not None and expected_N > plan.limits.force_N:
+def _check_load(stage: Stage, plan: Plan, expected: Load) -> None:
+    limits = plan.limits
+    if expected.force_N > limits.force_N or expected.torque_Nm > limits.torque_Nm:
         raise BadInput(
-            f"{stage.label}: the model expects {expected_N:.0f} N, above the rig's limit of {plan.limits.force_N:g} N; "
-            "raise the rack, go slower, or raise [limits] force_N in the rig file if sensor and frame can take it"
+            f"{stage.label}: the model expects {expected.force_N:.0f} N and {expected.torque_Nm:.1f} N m, the rig's limits are "
+            f"{limits.force_N:g} N and {limits.torque_Nm:g} N m; raise the rack or go slower, or raise [limits] if the rig can take it"
         )

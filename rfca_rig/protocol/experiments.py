@@ -81,5 +81,6 @@ def _static_stages(experiment: StaticStages, rig: RigFacts) -> Iterator[Stage]:
         for number, (angle_rad, direction) in enumerate(experiment.angles_rad, start=1):
             yield MoveShaft(angle_rad, speed)
             yield Hold(height_m, number, direction, angle_rad, experiment.settle, experiment.average_s)
-        yield MoveShaft(rig.start_angle_rad, speed)
+        # on, never back: a bent leg that is pushed backwards wedges between shaft and floor, and the force passes every limit
+        yield MoveShaft(rig.start_angle_rad, speed, forwards=True)
         yield MoveShaft(rig.parked_angle_rad, speed)

@@ -1,5 +1,6 @@
 """A plan is data: a list of frozen stages that the check, the printout, the progress bar and the run all walk."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -73,6 +74,13 @@ class MoveShaft:
 
 
 MOVE_RAMP_S = 0.2
+TURN_RAD = 2.0 * math.pi
+
+
+def way_to(angle_rad: float, from_rad: float, forwards: bool) -> float:
+    """How far to turn to stand at `angle_rad` again, turns aside: the nearest way, or on in the positive direction."""
+    way_rad = math.remainder(angle_rad - from_rad, TURN_RAD)
+    return way_rad + TURN_RAD if forwards and way_rad < 0.0 else way_rad
 
 
 @dataclass(frozen=True)

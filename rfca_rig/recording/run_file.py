@@ -63,6 +63,10 @@ class RunFile:
         whole = _merged(self._path)
         return _replace_partial(self._path, dataclasses.replace(whole, provenance={**whole.provenance, **(provenance or {})}))
 
+    def discard(self) -> None:
+        """Takes everything away again; for a run that ended before it recorded anything."""
+        _remove(partial_of(self._path))
+
     def _add(self, part: Recording) -> None:
         write_recording(part, partial_of(self._path) / f"{self._parts:05d}.h5")
         self._parts += 1
@@ -97,8 +101,11 @@ def _merged(path: Path) -> Recording:
 
 def _replace_partial(path: Path, whole: Recording) -> Path:
     write_recording(whole, path)
-    partial = partial_of(path)
+    _remove(partial_of(path))
+    return path
+
+
+def _remove(partial: Path) -> None:
     for file in partial.iterdir():
         file.unlink()
     partial.rmdir()
-    return path

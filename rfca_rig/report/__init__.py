@@ -1,0 +1,1 @@
+"""Reports of recordings against the model: a page for people, tables for programs and papers."""

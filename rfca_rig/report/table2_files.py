@@ -39,17 +39,18 @@ def as_tex(table: Table2) -> str:
     sources = list(dict.fromkeys(row.source for row in table.rows))
     lines = [
         r"% needs \usepackage{booktabs}; valleys are (time in s, fz in N), measured as mean and standard deviation over the repeats",
+        r"{\footnotesize\setlength{\tabcolsep}{3.5pt}%",
         r"\begin{tabular}{llllrr}",
         RULES[0],
         r" & & & & \multicolumn{2}{c}{Error (\%)} \\",
         r"\cmidrule(l){5-6}",
-        r"Rack height & Speed (rad/s) & Experimental valley & Simulated valley & time & $F_z$ \\",
+        r"Height & Speed (rad/s) & Experimental valley & Simulated valley & time & $F_z$ \\",
     ]
     for source in sources:
         lines += [RULES[1], rf"\multicolumn{{6}}{{l}}{{{_tex_text(source)}}} \\"] if len(sources) > 1 else [RULES[1]]
         lines += [_tex_row(row) for row in table.rows if row.source == source]
     time, force = (_tex_number(value, 2) for value in (table.average_time_error_pct, table.average_force_error_pct))
-    lines += [RULES[1], rf"\multicolumn{{4}}{{l}}{{Average}} & {time} & {force} \\", _tex_paper(), RULES[2], r"\end{tabular}"]
+    lines += [RULES[1], rf"\multicolumn{{4}}{{l}}{{Average}} & {time} & {force} \\", _tex_paper(), RULES[2], r"\end{tabular}}"]
     return "\n".join(lines) + "\n"
 
 

@@ -8,10 +8,10 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs import cansimple
-from rfca_rig.codecs.cansimple import AxisState, Command, ControlMode, Heartbeat, Message, Version
+from rfca_rig.codecs import cansimple, odrive_messages
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.odrive_meanings import ESTOP_REQUESTED, MISSING_INPUT, WATCHDOG_EXPIRED
+from rfca_rig.codecs.odrive_messages import AxisState, Command, ControlMode, Heartbeat, Message, Version
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
 from rfca_rig.twins.speed_loop import LoopGains, SetPoint, SpeedLoop
 from rfca_rig.twins.ticks import Ticks
@@ -70,7 +70,7 @@ class OdriveTwin:
         self._check_watchdog(now_s)
 
     def _is_mine(self, arbitration_id: int) -> bool:
-        return cansimple.node_of(arbitration_id) in {self._settings.node_id, cansimple.BROADCAST_NODE}
+        return cansimple.node_of(arbitration_id) in {self._settings.node_id, odrive_messages.BROADCAST_NODE}
 
     def _take(self, message: can.Message) -> None:
         if message.is_remote_frame:
@@ -88,25 +88,25 @@ class OdriveTwin:
         elif command == Command.HEARTBEAT:
             self._send(cansimple.heartbeat(node, self._beat()))
         elif command == Command.ERRORS:
-            self._send(cansimple.errors(node, cansimple.ErrorReport(self._error, self._error)))
+            self._send(cansimple.errors(node, odrive_messages.ErrorReport(self._error, self._error)))
 
     def _obey(self, order: Message | None) -> None:
         wanted, rad = self._wanted, self._rad_per_turn
         match order:
-            case cansimple.SetAxisState():
+            case odrive_messages.SetAxisState():
                 self._request(order.state)
-            case cansimple.SetControllerMode():
+            case odrive_messages.SetControllerMode():
                 wanted.mode = order.control_mode
-            case cansimple.SetInputPos():
+            case odrive_messages.SetInputPos():
                 wanted.angle_rad = (order.position_turns - self._settings.zero_turns) * rad
                 wanted.speed_rad_s, wanted.torque_Nm = order.speed_turns_s * rad, order.torque_Nm * self._torque_ratio
-            case cansimple.SetInputVel():
+            case odrive_messages.SetInputVel():
                 wanted.speed_rad_s, wanted.torque_Nm = order.speed_turns_s * rad, order.torque_Nm * self._torque_ratio
-            case cansimple.SetInputTorque():
+            case odrive_messages.SetInputTorque():
                 wanted.torque_Nm = order.torque_Nm * self._torque_ratio
-            case cansimple.ClearErrors():
+            case odrive_messages.ClearErrors():
                 self._error = 0
-            case cansimple.Estop():
+            case odrive_messages.Estop():
                 self.fail(ESTOP_REQUESTED)
         if not (isfinite(wanted.angle_rad) and isfinite(wanted.speed_rad_s) and isfinite(wanted.torque_Nm)):
             self._wanted = SetPoint(wanted.mode)

@@ -1,9 +1,8 @@
 """The cascaded controller of an ODrive, seen from the shaft: angle to speed to torque, with an integrator."""
 
-from dataclasses import dataclass
-from math import copysign
+from dataclasses import dataclass, replace
 
-from rfca_rig.codecs.cansimple import ControlMode
+from rfca_rig.codecs.odrive_messages import ControlMode
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
 
 
@@ -39,11 +38,15 @@ class SpeedLoop:
         self._integral_Nm = 0.0
 
     def law(self, wanted: SetPoint, shaft: ShaftState) -> ShaftDrive:
-        """Within the torque limit as of the beginning of the step: beyond it the torque is constant for that step."""
+        """Within the torque limit as of the beginning of the step.
+
+        Beyond the limit the whole law is scaled down to it for that step, so that the torque still falls as the error does: a
+        constant torque would throw a light shaft past its set-point within one step, and chatter.
+        """
         free = self._unlimited(wanted)
-        torque_Nm = free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s)
-        self._limited = abs(torque_Nm) > self._gains.torque_limit_Nm
-        return ShaftDrive(feed_Nm=copysign(self._gains.torque_limit_Nm, torque_Nm)) if self._limited else free
+        torque_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s))
+        self._limited = torque_Nm > self._gains.torque_limit_Nm
+        return _scaled(free, self._gains.torque_limit_Nm / torque_Nm) if self._limited else free
 
     def _unlimited(self, wanted: SetPoint) -> ShaftDrive:
         gains = self._gains
@@ -70,3 +73,12 @@ class SpeedLoop:
             behind_rad = wanted.angle_rad - 0.5 * (before.angle_rad + after.angle_rad)
             error_rad += self._gains.angle_gain_per_s * behind_rad * elapsed_s
         self._integral_Nm += self._gains.integral_gain_Nm_per_rad * error_rad
+
+
+def _scaled(law: ShaftDrive, factor: float) -> ShaftDrive:
+    return replace(
+        law,
+        feed_Nm=factor * law.feed_Nm,
+        angle_gain_Nm_per_rad=factor * law.angle_gain_Nm_per_rad,
+        speed_gain_Nm_s_per_rad=factor * law.speed_gain_Nm_s_per_rad,
+    )

@@ -7,19 +7,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rfca_rig.codecs import cansimple as cs
+from rfca_rig.codecs import odrive_messages as om
 from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 from rfca_rig.codecs.odrive_meanings import error_text, result_text, state_text
 from rfca_rig.errors import DeviceError
 
 # Bytes worked out by hand from the field tables of the protocol: little-endian, node 3 unless said otherwise.
 GOLDEN = [
-    (cs.version(3, cs.Version((0, 6, 10), (4, 4, 58))), 0x060, "02 04 04 3a 00 06 0a 00"),
-    (cs.heartbeat(3, cs.Heartbeat(0x01000000, 1, 3, True)), 0x061, "00 00 00 01 01 03 01 00"),
+    (cs.version(3, om.Version((0, 6, 10), (4, 4, 58))), 0x060, "02 04 04 3a 00 06 0a 00"),
+    (cs.heartbeat(3, om.Heartbeat(0x01000000, 1, 3, True)), 0x061, "00 00 00 01 01 03 01 00"),
     (cs.estop(3), 0x062, ""),
-    (cs.errors(3, cs.ErrorReport(0x02000000, 0x200)), 0x063, "00 00 00 02 00 02 00 00"),
-    (cs.set_axis_state(3, cs.AxisState.CLOSED_LOOP), 0x067, "08 00 00 00"),
+    (cs.errors(3, om.ErrorReport(0x02000000, 0x200)), 0x063, "00 00 00 02 00 02 00 00"),
+    (cs.set_axis_state(3, om.AxisState.CLOSED_LOOP), 0x067, "08 00 00 00"),
     (cs.encoder_estimates(3, 1.0, -0.5), 0x069, "00 00 80 3f 00 00 00 bf"),
-    (cs.set_controller_mode(3, cs.ControlMode.VELOCITY), 0x06B, "02 00 00 00 01 00 00 00"),
+    (cs.set_controller_mode(3, om.ControlMode.VELOCITY), 0x06B, "02 00 00 00 01 00 00 00"),
     (cs.set_input_pos(3, 2.0, -1.0, 0.256), 0x06C, "00 00 00 40 18 fc 00 01"),
     (cs.set_input_vel(3, 1.5, 0.0), 0x06D, "00 00 c0 3f 00 00 00 00"),
     (cs.set_input_torque(3, -2.0), 0x06E, "00 00 00 c0"),
@@ -28,7 +29,7 @@ GOLDEN = [
     (cs.bus_voltage_current(3, 24.0, 1.0), 0x077, "00 00 c0 41 00 00 80 3f"),
     (cs.clear_errors(3), 0x078, "00"),
     (cs.torques(3, 8.0, -8.0), 0x07C, "00 00 00 41 00 00 00 c1"),
-    (cs.set_axis_state(62, cs.AxisState.IDLE), 0x7C7, "01 00 00 00"),
+    (cs.set_axis_state(62, om.AxisState.IDLE), 0x7C7, "01 00 00 00"),
 ]
 
 
@@ -40,27 +41,27 @@ def test_a_frame_has_the_documented_id_and_bytes(frame: cs.Frame, arbitration_id
 @pytest.mark.parametrize(
     ("command", "data", "message"),
     [
-        (0x00, "02 04 04 3a 00 06 0a 00", cs.Version((0, 6, 10), (4, 4, 58))),
-        (0x01, "00 00 00 01 01 03 01 ff", cs.Heartbeat(0x01000000, 1, 3, True)),
-        (0x01, "00 00 00 00 08 00 fe 00", cs.Heartbeat(0, 8, 0, False)),
-        (0x02, "", cs.Estop()),
-        (0x03, "00 00 00 02 00 02 00 00", cs.ErrorReport(0x02000000, 0x200)),
-        (0x07, "08 00 00 00", cs.SetAxisState(8)),
-        (0x07, "08 00 00 00 00 00 00 00", cs.SetAxisState(8)),
-        (0x09, "00 00 80 3f 00 00 00 bf", cs.EncoderEstimates(1.0, -0.5)),
-        (0x0B, "02 00 00 00 01 00 00 00", cs.SetControllerMode(2, 1)),
-        (0x0C, "00 00 00 40 18 fc 00 01", cs.SetInputPos(2.0, -1.0, 0.256)),
-        (0x0D, "00 00 c0 3f 00 00 00 00", cs.SetInputVel(1.5, 0.0)),
-        (0x0E, "00 00 00 c0", cs.SetInputTorque(-2.0)),
-        (0x14, "00 00 80 40 00 00 80 3e", cs.Iq(4.0, 0.25)),
-        (0x15, "00 00 00 42 00 00 80 42", cs.Temperatures(32.0, 64.0)),
-        (0x17, "00 00 c0 41 00 00 80 3f", cs.BusPower(24.0, 1.0)),
-        (0x18, "00", cs.ClearErrors()),
-        (0x18, "", cs.ClearErrors()),
-        (0x1C, "00 00 00 41 00 00 00 c1", cs.Torques(8.0, -8.0)),
+        (0x00, "02 04 04 3a 00 06 0a 00", om.Version((0, 6, 10), (4, 4, 58))),
+        (0x01, "00 00 00 01 01 03 01 ff", om.Heartbeat(0x01000000, 1, 3, True)),
+        (0x01, "00 00 00 00 08 00 fe 00", om.Heartbeat(0, 8, 0, False)),
+        (0x02, "", om.Estop()),
+        (0x03, "00 00 00 02 00 02 00 00", om.ErrorReport(0x02000000, 0x200)),
+        (0x07, "08 00 00 00", om.SetAxisState(8)),
+        (0x07, "08 00 00 00 00 00 00 00", om.SetAxisState(8)),
+        (0x09, "00 00 80 3f 00 00 00 bf", om.EncoderEstimates(1.0, -0.5)),
+        (0x0B, "02 00 00 00 01 00 00 00", om.SetControllerMode(2, 1)),
+        (0x0C, "00 00 00 40 18 fc 00 01", om.SetInputPos(2.0, -1.0, 0.256)),
+        (0x0D, "00 00 c0 3f 00 00 00 00", om.SetInputVel(1.5, 0.0)),
+        (0x0E, "00 00 00 c0", om.SetInputTorque(-2.0)),
+        (0x14, "00 00 80 40 00 00 80 3e", om.Iq(4.0, 0.25)),
+        (0x15, "00 00 00 42 00 00 80 42", om.Temperatures(32.0, 64.0)),
+        (0x17, "00 00 c0 41 00 00 80 3f", om.BusPower(24.0, 1.0)),
+        (0x18, "00", om.ClearErrors()),
+        (0x18, "", om.ClearErrors()),
+        (0x1C, "00 00 00 41 00 00 00 c1", om.Torques(8.0, -8.0)),
     ],
 )
-def test_documented_bytes_are_read_as_their_message(command: int, data: str, message: cs.Message) -> None:
+def test_documented_bytes_are_read_as_their_message(command: int, data: str, message: om.Message) -> None:
     assert cs.decode(5 << 5 | command, bytes.fromhex(data)) == message
 
 
@@ -90,14 +91,14 @@ single = st.floats(width=32, allow_nan=False)
 def test_floats_survive_the_wire(node: int, first: float, second: float) -> None:
     arbitration_id, data = cs.encoder_estimates(node, first, second)
     assert cs.node_of(arbitration_id) == node
-    assert cs.decode(arbitration_id, data) == cs.EncoderEstimates(first, second)
-    assert cs.decode(*cs.set_input_vel(node, first, second)) == cs.SetInputVel(first, second)
+    assert cs.decode(arbitration_id, data) == om.EncoderEstimates(first, second)
+    assert cs.decode(*cs.set_input_vel(node, first, second)) == om.SetInputVel(first, second)
 
 
 @given(single, st.floats(-32.767, 32.767), st.floats(-32.767, 32.767))
 def test_feed_forwards_survive_to_half_a_thousandth(position: float, speed: float, torque: float) -> None:
     message = cs.decode(*cs.set_input_pos(0, position, speed, torque))
-    assert isinstance(message, cs.SetInputPos)
+    assert isinstance(message, om.SetInputPos)
     assert message.position_turns == position
     assert abs(message.speed_turns_s - speed) <= 0.5000001e-3
     assert abs(message.torque_Nm - torque) <= 0.5000001e-3
@@ -105,7 +106,7 @@ def test_feed_forwards_survive_to_half_a_thousandth(position: float, speed: floa
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 255), st.integers(0, 255), st.booleans())
 def test_a_heartbeat_survives_the_wire(error: int, state: int, result: int, done: bool) -> None:
-    beat = cs.Heartbeat(error, state, result, done)
+    beat = om.Heartbeat(error, state, result, done)
     assert cs.decode(*cs.heartbeat(7, beat)) == beat
 
 
@@ -162,7 +163,7 @@ def test_another_decoder_reads_the_same_from_the_documented_bit_positions(
 ) -> None:
     cantools = pytest.importorskip("cantools")
     database = cantools.database.load_string(DBC, "dbc")
-    beat = database.decode_message(*cs.heartbeat(1, cs.Heartbeat(error, state, state, done)))
+    beat = database.decode_message(*cs.heartbeat(1, om.Heartbeat(error, state, state, done)))
     assert beat == {"Axis_Error": error, "Axis_State": state, "Procedure_Result": state, "Trajectory_Done_Flag": done}
     pos = database.decode_message(*cs.set_input_pos(1, position, steps / 1000.0))
     assert pos["Input_Pos"] == position

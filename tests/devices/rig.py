@@ -28,7 +28,7 @@ class TwinRig:
     motor: OdriveMotor
     sensor: NetFtSensor
     motor_twin: OdriveTwin
-    onlooker: can.BusABC
+    others: list[can.BusABC]
     wire: can.BusABC
     link: "Tampered"
 
@@ -78,10 +78,11 @@ def twin_rig(
     sensor: NetFtSettings | None = None,
     sensor_twin: NetFtTwinSettings | None = None,
     seed: int = 1,
+    onlookers: int = 0,
 ) -> Iterator[TwinRig]:
     rotor = rotor or Rotor()
     clock = TwinClock()
-    with can_wire(ends=3) as (drivers_end, twins_end, onlooker):
+    with can_wire(ends=2 + onlookers) as (drivers_end, twins_end, *others):
         here, there = datagram_link()
         drive = OdriveTwin(twins_end, motor_twin or OdriveTwinSettings())
         world = TwinWorld(rotor, drive, NetFtTwin(there, sensor_twin or NetFtTwinSettings(), np.random.default_rng(seed)))
@@ -89,4 +90,4 @@ def twin_rig(
         link = Tampered(here)
         shaft_motor = OdriveMotor(drivers_end, clock, motor or OdriveSettings(node_id=0))
         force_sensor = NetFtSensor(link, clock, sensor or NetFtSettings())
-        yield TwinRig(clock, rotor, shaft_motor, force_sensor, drive, onlooker, drivers_end, link)
+        yield TwinRig(clock, rotor, shaft_motor, force_sensor, drive, others, drivers_end, link)

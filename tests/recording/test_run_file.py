@@ -29,7 +29,7 @@ def grown(path: Path, **finish: dict[str, str]) -> Path:
 def test_a_recording_grown_piece_by_piece_is_the_one_written_at_once(tmp_path: Path):
     path = grown(tmp_path / "a" / "run.h5")
     assert path.read_bytes() == write_recording(recording(3, 3), tmp_path / "whole.h5").read_bytes()
-    assert os.listdir(tmp_path / "a") == ["run.h5"]
+    assert [found.name for found in (tmp_path / "a").iterdir()] == ["run.h5"]
 
 
 def test_the_end_of_a_run_adds_to_its_provenance(tmp_path: Path):
@@ -53,6 +53,11 @@ def test_recordings_are_never_written_over(tmp_path: Path):
     RunFile.create(tmp_path / "other.h5", recording(0, 0))
     with pytest.raises(BadInput, match=r"other\.h5\.partial: is there already"):
         RunFile.create(tmp_path / "other.h5", recording(0, 0))
+
+
+def test_a_discarded_run_leaves_nothing(tmp_path: Path):
+    RunFile.create(tmp_path / "run.h5", recording(0, 0)).discard()
+    assert list(tmp_path.iterdir()) == []
 
 
 def crash_at(folder: Path, write_number: int) -> int:

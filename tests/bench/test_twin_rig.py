@@ -1,0 +1,72 @@
+"""The twin's mechanics and what the model expects of a plan."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfca_rig.bench.expectation import expected_loads
+from rfca_rig.bench.leg_plant import LegPlant, Scatter
+from rfca_rig.description.protocol_file import read_static
+from rfca_rig.model.stroke import stroke_following
+from rfca_rig.protocol.experiments import static_plan
+from rfca_rig.protocol.plan import Hold, MoveShaft
+from rfca_rig.twins.plant import ShaftDrive
+from tests.engine.rigs import ROOT, one_condition, twin_rig
+from tests.model.test_stroke import pressed_and_held
+
+NO_SCATTER = Scatter()
+
+
+def plant(scatter=NO_SCATTER):
+    rig = twin_rig().model()
+    return LegPlant(rig, 0.215, rig.leg.start_angle_rad, 0.01, scatter, np.random.default_rng(0))
+
+
+def test_behind_a_stiff_drive_the_plant_is_the_model():
+    leg, felt, times = plant(), [], np.arange(1, 1000) * 1e-3
+    speed = float(np.radians(65.9))
+    for t_s in times:
+        felt.append(leg.advance(t_s, ShaftDrive(speed_gain_Nm_s_per_rad=1e4, speed_rad_s=speed), np.array([t_s]))[0])
+    _, motion = pressed_and_held()
+    model = stroke_following(twin_rig().model(), 0.215, motion, times)
+    assert leg.shaft().angle_rad == pytest.approx(model.shaft_angle_rad[-1], abs=1e-3)
+    pressing = times > 0.6
+    assert np.array(felt)[pressing, 2] == pytest.approx(model.fz_N[pressing], abs=0.05)
+    assert np.array(felt)[pressing, 3] == pytest.approx(model.tx_Nm[pressing], abs=0.01)
+
+
+def test_without_torque_the_leg_falls():
+    leg = plant()
+    leg.advance(0.1, ShaftDrive(), np.empty(0))
+    assert leg.shaft().angle_rad > twin_rig().leg.start_angle_rad + 0.05
+    assert leg.shaft().torque_Nm == 0.0
+
+
+def test_a_hand_on_the_lead_screws_is_not_exact():
+    leg = plant(Scatter(height_m=1e-4))
+    heights = set()
+    for _ in range(3):
+        leg.set_height(0.235)
+        heights.add(leg.height_m)
+    assert len(heights) == 3
+    assert all(abs(height - 0.235) < 5e-4 for height in heights)
+
+
+def test_expected_loads_name_every_stroke():
+    plan = one_condition(twin_rig(), repeats=2)
+    loads = expected_loads(plan, twin_rig().model())
+    assert set(loads) == set(plan.flaps)
+    assert all(50.0 < load.force_N < 75.0 for load in loads.values())
+
+
+def test_a_leg_pushed_back_under_load_is_seen_to_wedge_beforehand():
+    rig = twin_rig()
+    protocol = read_static(ROOT / "protocols" / "static-angle.toml").static_stages()
+    plan = static_plan(replace(protocol, heights_m=(0.235,)), rig.facts())
+    safe = expected_loads(plan, rig.model())
+    assert max(load.force_N for load in safe.values()) < 150.0
+    assert {stage for stage in plan.stages if isinstance(stage, Hold)} <= set(safe)
+    back = [replace(stage, forwards=False) if isinstance(stage, MoveShaft) else stage for stage in plan.stages]
+    wedged = expected_loads(replace(plan, stages=tuple(back)), rig.model())
+    assert max(load.force_N for load in wedged.values()) > 300.0

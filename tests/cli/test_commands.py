@@ -1,0 +1,189 @@
+"""Every command as a user types it: results, exit codes, one clear line for a mistake."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.cli.typed import typed
+
+SMALL = Path(__file__).parents[1] / "data" / "small-campaign"
+HEAVY = ("numpy", "scipy", "numba", "h5py", "matplotlib", "cv2", "can", "pydantic", "jinja2")
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_help_loads_nothing_heavy():
+    code = f"import sys, rfca_rig.cli.main; print([name for name in {HEAVY} if name in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "words", [(), ("dynamic",), ("dynamic", "run"), ("static",), ("static", "run"), ("import",), ("predict",), ("report",)], ids=" ".join
+)
+def test_every_command_explains_itself(monkeypatch, capsys, words):
+    said = typed(monkeypatch, capsys, *words, "--help")
+    assert said.exit_code == 0
+    assert "Usage" in said.out
+
+
+def test_a_dynamic_run_prints_the_plan_the_valleys_and_the_next_command(here, monkeypatch, capsys):
+    said = typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 2)
+    assert said.exit_code == 0
+    lines = said.err.splitlines()
+    assert all(line.startswith("SIM ") for line in lines)
+    assert any("limits 300 N" in line and "MB" in line and "min" in line for line in lines)
+    assert sum("valley (0.8" in line for line in lines) == 2
+    (run,) = (here / "runs").iterdir()
+    assert f"next: rfca-rig report runs/{run.name} --out report" in lines[-1]
+    assert [file.name for file in run.iterdir()] == ["run.h5"]
+
+
+def test_what_it_says_to_type_next_works(here, monkeypatch, capsys):
+    said = typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 2)
+    words = said.err.splitlines()[-1].split("next: rfca-rig ")[1].split()
+    said = typed(monkeypatch, capsys, *words)
+    assert said.exit_code == 0
+    assert {file.name for file in (here / "report").iterdir()} == {"report.html", "table2.csv", "table2.json", "table2.tex"}
+
+
+def test_json_owns_the_output(here, monkeypatch, capsys):
+    said = typed(monkeypatch, capsys, "dynamic", "run", "--height", 235, "--speed", 3.276, "--repeats", 1, "--json")
+    assert said.err == ""
+    answer = json.loads(said.out)
+    assert answer["source"] == "SIM"
+    assert answer["strokes"][0]["valley_fz_N"] == pytest.approx(-39.7, abs=2.0)
+
+
+def test_a_seed_makes_a_run_repeatable_and_another_seed_makes_another(here, monkeypatch, capsys):
+    for seed in (7, 7, 8):
+        typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 1, "--seed", seed)
+    first, again, other = (path.read_bytes() for path in sorted((here / "runs").glob("*/run.h5")))
+    assert first == again
+    assert first != other
+
+
+def test_a_dry_run_leaves_nothing(here, monkeypatch, capsys):
+    said = typed(monkeypatch, capsys, "dynamic", "run", "--protocol", "table2", "--dry-run")
+    assert said.exit_code == 0
+    assert "20 strokes" in said.err
+    assert list(here.iterdir()) == []
+
+
+def test_a_static_run_records_settled_stages(here, monkeypatch, capsys):
+    protocol = here / "short.toml"
+    text = (Path(__file__).parents[2] / "protocols" / "static-angle.toml").read_text()
+    protocol.write_text(text.replace("[215.0, 235.0]", "[235.0]").split("[[stages]]\nangle_deg = 90.0")[0])
+    said = typed(monkeypatch, capsys, "static", "run", "--protocol", protocol, "--json")
+    assert said.exit_code == 0
+    stages = json.loads(said.out)["stages"]
+    assert [stage["settled"] for stage in stages] == [True, True]
+    assert stages[0]["shaft_angle_rad"] == pytest.approx(1.0472, abs=2e-3)
+    assert stages[1]["fz_N"] < stages[0]["fz_N"] < 3.0
+
+
+def test_predict_answers_a_person_and_a_program(monkeypatch, capsys, here):
+    spoken = typed(monkeypatch, capsys, "predict", "--height", 215, "--speed", 2.433)
+    assert "valley at 1.06" in spoken.out
+    answer = json.loads(typed(monkeypatch, capsys, "predict", "--height", 215, "--speed", 2.433, "--json", "--csv", here / "p.csv").out)
+    assert answer["valley_fz_N"] == pytest.approx(-54.64, abs=0.1)
+    assert (here / "p.csv").read_text().startswith("t_s,shaft_angle_rad")
+
+
+def test_a_leg_that_never_touches_is_said_so(monkeypatch, capsys):
+    said = typed(monkeypatch, capsys, "predict", "--height", 400, "--speed", 2)
+    assert "never touches the ground, no valley" in said.out
+
+
+def test_import_then_report_equals_reporting_the_folder_itself(here, monkeypatch, capsys):
+    assert typed(monkeypatch, capsys, "import", SMALL).exit_code == 0
+    assert typed(monkeypatch, capsys, "report", "runs/IMPORT-small-campaign", "--out", "a").exit_code == 0
+    assert typed(monkeypatch, capsys, "report", SMALL, "--out", "b").exit_code == 0
+    for name in ("report.html", "table2.csv", "table2.json", "table2.tex"):
+        assert (here / "a" / name).read_bytes() == (here / "b" / name).read_bytes()
+
+
+def test_twin_and_import_in_one_report(here, monkeypatch, capsys):
+    typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 1)
+    said = typed(monkeypatch, capsys, "report", SMALL, *sorted((here / "runs").iterdir()), "--out", "both", "--json")
+    assert json.loads(said.out)["format"] == "rfca-table2/1"
+    page = (here / "both" / "report.html").read_text()
+    assert "SIM" in page
+    assert "IMPORT" in page
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("dynamic", "run", "--height", "215"), "--height and --speed together"),
+        (("dynamic", "run", "--height", "-5", "--speed", "2"), "height_mm"),
+        (("dynamic", "run", "--height", "abc", "--speed", "2"), "--height"),
+        (("dynamic", "run", "--height", "215", "--speed", "25"), "above the rig's limit of 20 rad/s"),
+        (("dynamic", "run", "--height", "100", "--speed", "15"), "the model expects"),
+        (("dynamic", "run", "--repeats", "0"), "--repeats"),
+        (("dynamic", "run", "--protocol", "nonsense"), "there are flapping, impact, static-angle, table2"),
+        (("dynamic", "run", "--protocol", "static-angle"), "experiment"),
+        (("dynamic", "run", "--rig", "nowhere.toml"), "nowhere.toml"),
+        (("static", "run", "--protocol", "flapping"), "experiment"),
+        (("import", "nowhere"), "nowhere"),
+        (("report", "nowhere"), "nowhere"),
+        (("report",), "PATH"),
+        (("predict", "--height", "215"), "--speed"),
+        (("predict", "--height", "0", "--speed", "1"), "--height"),
+        (("nonsense",), "No such command"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_a_mistake_gets_one_line_exit_code_2_and_changes_nothing(here, monkeypatch, capsys, words, said):
+    answer = typed(monkeypatch, capsys, *words)
+    assert answer.exit_code == 2
+    mine = [line for line in answer.err.splitlines() if not line.startswith("SIM")]
+    assert len(mine) == 1
+    assert mine[0].startswith("rfca-rig: ")
+    assert said in mine[0]
+    assert list(here.iterdir()) == []
+
+
+def test_a_broken_campaign_leaves_nothing_behind(here, monkeypatch, capsys):
+    broken = here / "broken"
+    shutil.copytree(SMALL, broken)
+    victim = next((broken / "runs").glob("dynamic*.csv"))
+    victim.write_text(victim.read_text().replace("fz_N", "fz_kN", 1))
+    answer = typed(monkeypatch, capsys, "import", broken)
+    assert answer.exit_code == 2
+    assert len(answer.err.splitlines()) == 1
+    assert victim.name in answer.err
+    assert not (here / "runs").exists()
+
+
+def test_a_trip_has_its_own_exit_code(here, monkeypatch, capsys):
+    rig = here / "careful.toml"
+    text = (Path(__file__).parents[2] / "calibration" / "twin.toml").read_text()
+    rig.write_text(text.replace("following_error_deg = 20.0", "following_error_deg = 1.0").replace("s_per_rad = 8.0 ", "s_per_rad = 0.0 "))
+    answer = typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--rig", rig)
+    assert answer.exit_code == 3
+    assert "deg from where it should be" in answer.err.splitlines()[-1]
+    assert list((here / "runs").iterdir()) == []
+
+
+def test_a_mistake_of_ours_is_admitted_in_one_line(monkeypatch, capsys):
+    monkeypatch.setattr("rfca_rig.cli.places.find_file", lambda *_: 1 / 0)
+    answer = typed(monkeypatch, capsys, "predict", "--height", 215, "--speed", 2)
+    assert answer.exit_code == 1
+    assert "a mistake in rfca-rig, not yours: ZeroDivisionError" in answer.err
+
+
+def test_real_hardware_asks_for_the_limit_and_moves_nothing_without_it(here, monkeypatch, capsys):
+    monkeypatch.setattr("typer.prompt", lambda *_, **__: "yes")
+    answer = typed(monkeypatch, capsys, "dynamic", "run", "--rig", "example-real-rig", "--height", 215, "--speed", 2)
+    assert answer.exit_code == 2
+    assert "not armed: the force limit is 320 N" in answer.err
+    assert all(line.startswith(("REAL", "rfca-rig: ")) for line in answer.err.splitlines())
+    assert list(here.iterdir()) == []

@@ -1,0 +1,212 @@
+import csv
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from rfca_rig.description.believed import believed_model
+from rfca_rig.errors import RigError
+from rfca_rig.report.writing import write_report
+from tests.analysis import traces
+from tests.report.recordings import BELIEVED, recording, stages, strokes
+
+KEYS = [
+    "height_mm",
+    "speed_rad_s",
+    "repeats",
+    "measured_time_s",
+    "measured_time_std_s",
+    "measured_fz_N",
+    "measured_fz_std_N",
+    "simulated_time_s",
+    "simulated_fz_N",
+    "time_error_pct",
+    "force_error_pct",
+]
+FILES = ["report.html", "table2.csv", "table2.json", "table2.tex"]
+VOID = {"meta", "br"}
+
+
+class Outline(HTMLParser):
+    """Checks that elements close as they opened, and collects ids, text and what could be fetched."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.open, self.ids, self.fetched, self.text = [], [], [], ""
+        self.feed(page)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in VOID:
+            self.open.append(tag)
+        self._note(tag, attrs)
+
+    def handle_startendtag(self, tag, attrs):
+        self._note(tag, attrs)
+
+    def _note(self, tag, attrs):
+        self.ids += [value for name, value in attrs if name == "id"]
+        self.fetched += [value for name, value in attrs if name in ("src", "href", "xlink:href", "data", "srcset")]
+        assert tag not in ("script", "link", "iframe", "img", "object")
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def written(folder, *recordings, **options):
+    write_report(recordings, folder, **options)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory):
+    return written(tmp_path_factory.mktemp("report"), recording(strokes(), stages()))
+
+
+def table(folder):
+    return json.loads((folder / "table2.json").read_text(), parse_constant=pytest.fail)
+
+
+def test_json_has_exactly_the_form_that_other_programs_read(mixed):
+    document = table(mixed)
+    assert list(document) == ["format", "rows", "average"]
+    assert document["format"] == "rfca-table2/1"
+    assert list(document["average"]) == ["time_error_pct", "force_error_pct"]
+    assert [(row["height_mm"], row["speed_rad_s"], row["repeats"]) for row in document["rows"]] == [(215.0, 2.433, 2), (235.0, 3.25, 2)]
+    for row in document["rows"]:
+        assert list(row)[: len(KEYS)] == KEYS
+        assert all(isinstance(row[key], int | float) for key in KEYS)
+
+
+def test_the_model_meets_strokes_made_by_itself(mixed):
+    document = table(mixed)
+    assert document["average"]["time_error_pct"] < 0.3
+    assert document["average"]["force_error_pct"] < 0.3
+    row = document["rows"][0]
+    error = 100.0 * abs(row["simulated_fz_N"] - row["measured_fz_N"]) / abs(row["measured_fz_N"])
+    assert row["force_error_pct"] == pytest.approx(error, abs=1e-3)
+
+
+def test_csv_says_the_same_as_json(mixed):
+    with (mixed / "table2.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    rows = table(mixed)["rows"]
+    assert [{key: float(line[key]) for key in KEYS} for line in lines] == [{key: float(row[key]) for key in KEYS} for row in rows]
+
+
+def test_latex_has_every_row_and_balanced_columns(mixed):
+    tex = (mixed / "table2.tex").read_text()
+    assert r"\begin{tabular}{llllrr}" in tex and r"\end{tabular}" in tex
+    rows = [line for line in tex.splitlines() if re.match(r"2\d5\\,mm", line)]
+    assert len(rows) == 2
+    assert all(row.count(" & ") == 5 and row.endswith(r" \\") and row.count("$") % 2 == 0 for row in rows)
+
+
+def test_the_page_is_whole_and_fetches_nothing(mixed):
+    page = (mixed / "report.html").read_text()
+    outline = Outline(page)
+    assert all(link.startswith("#") for link in outline.fetched)
+    assert {link[1:] for link in outline.fetched} <= set(outline.ids)
+    assert len(outline.ids) == len(set(outline.ids)), "two figures must not share a clip path"
+    assert not re.search(r"https?:|url\((?!#)|@import", page)
+    assert page.count('role="img"') == 2
+
+
+def test_the_page_says_what_it_shows(mixed):
+    text = Outline((mixed / "report.html").read_text()).text
+    for said in (
+        "IMPORT",
+        "A <bold> campaign & more",
+        "The paper",
+        "3.2",
+        "2.7",
+        "friction coefficient",
+        "k0_relative = 0.03",
+        "rms: rest",
+    ):
+        assert said in text
+    for said in ("fz (N)", "residual (N)", "time from the start of the motion (s)", "Static stages", "\u22125.25", "--shaft average"):
+        assert said in text
+    assert not re.search(r"\bnan\b|None|\binf\b", text)
+
+
+def test_a_title_is_text_and_never_markup(mixed):
+    assert "<bold>" not in (mixed / "report.html").read_text()
+
+
+def test_the_same_input_gives_the_same_bytes(mixed, tmp_path):
+    again = written(tmp_path / "again", recording(strokes(), stages()))
+    assert sorted(path.name for path in again.iterdir()) == FILES
+    assert all((again / name).read_bytes() == (mixed / name).read_bytes() for name in FILES)
+
+
+def test_a_refused_stroke_is_told_in_every_file(tmp_path):
+    t_s = traces.even(1000.0)
+    bad = traces.stroke(t_s, np.full(len(t_s), 3.1), repeat=3)
+    folder = written(tmp_path, recording((*strokes(), bad)))
+    row = table(folder)["rows"][0]
+    assert row["repeats"] == 2
+    assert "repeat 3: no contact" in row["refused"][0]
+    assert all("repeat 3: no contact" in (folder / name).read_text() for name in ("report.html", "table2.csv"))
+
+
+def test_what_is_not_known_is_null_and_never_nan(tmp_path):
+    t_s = traces.even(1000.0)
+    folder = written(tmp_path, recording((traces.stroke(t_s, None), traces.stroke(t_s, np.full(len(t_s), 3.1), height_m=0.235))))
+    document = table(folder)
+    assert all(row["measured_time_s"] is None and row["force_error_pct"] is None for row in document["rows"])
+    assert document["average"] == {"time_error_pct": None, "force_error_pct": None}
+    for name in FILES:
+        assert not re.search(r"\bnan\b", (folder / name).read_text(), flags=re.IGNORECASE)
+
+
+def test_one_repeat_has_no_standard_deviation(tmp_path):
+    row = table(written(tmp_path, recording(strokes()[:1])))["rows"][0]
+    assert (row["repeats"], row["measured_time_std_s"], row["measured_fz_std_N"]) == (1, None, None)
+
+
+def test_static_stages_alone_make_a_report(tmp_path):
+    folder = written(tmp_path, recording(static=stages(hinge=float("nan"))))
+    text = Outline((folder / "report.html").read_text()).text
+    assert table(folder)["rows"] == []
+    assert (folder / "table2.csv").read_text().startswith("height_mm,speed_rad_s,repeats,")
+    assert "Static stages" in text and "Table II" not in text and "hinge 2" not in text
+
+
+def test_sources_stay_apart_with_their_names_and_models(tmp_path):
+    twin = recording(strokes(), title="Twin run", source="SIM", provenance={"seed": "7", "plan": "/home/lab/plans/table2.toml"})
+    folder = written(tmp_path, twin, recording(strokes()[:1], title="Twin run"))
+    assert [row["source"] for row in table(folder)["rows"]] == ["Twin run (1)", "Twin run (1)", "Twin run (2)"]
+    text = Outline((folder / "report.html").read_text()).text
+    assert "SIM was recorded on simulated twins" in text and "IMPORT came from" in text
+    assert "table2.toml" in text and "/home/lab" not in text
+    assert text.count("friction coefficient") == 1, "two recordings that share a model show it once"
+
+
+def test_a_given_model_takes_the_place_of_the_believed_one(tmp_path):
+    slippery = {**BELIEVED, "ground": {**BELIEVED["ground"], "friction_coefficient": 0.2}}
+    folder = written(tmp_path, recording(strokes()), model=believed_model(slippery))
+    assert table(folder)["average"]["force_error_pct"] > 5.0
+    assert "The model given for this report" in (folder / "report.html").read_text()
+
+
+@pytest.mark.parametrize("shaft", ["commanded", "average", "recorded"])
+def test_the_command_that_remakes_the_page_names_how_the_shaft_turned(tmp_path, shaft):
+    folder = written(tmp_path, recording(strokes()[:1]), shaft=shaft)
+    assert f"rfca-rig report PATH... --out DIR --shaft {shaft}" in (folder / "report.html").read_text()
+
+
+def test_fifteen_kilohertz_does_not_make_the_page_heavier(mixed, tmp_path):
+    fast = written(tmp_path, recording(strokes(rate_Hz=15000.0), stages()))
+    assert (fast / "report.html").stat().st_size < 1.1 * (mixed / "report.html").stat().st_size
+
+
+def test_a_folder_that_cannot_be_made_is_said_in_one_line(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(RigError, match=r"file/out: the folder for the report cannot be made"):
+        write_report([recording(static=stages())], tmp_path / "file" / "out")

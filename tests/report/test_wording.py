@@ -1,0 +1,35 @@
+import pytest
+
+from rfca_rig.report.quantities import quantities_of
+from rfca_rig.report.table2_files import _tex_text
+from rfca_rig.report.wording import counted, number, spread, unbroken
+from tests.model.legs import PAPER
+
+
+@pytest.mark.parametrize(("value", "said"), [(-1.25, "\u22121.25"), (-0.001, "0.00"), (None, "\u2013"), (3.0, "3.00")])
+def test_numbers_have_a_true_minus_and_no_minus_nothing(value, said):
+    assert number(value, 2) == said
+
+
+def test_spread_and_counts():
+    assert spread(1.0, 0.02, 2) == "1.00 ± 0.02"
+    assert spread(1.0, None, 2) == "1.00"
+    assert (counted(1, "stroke"), counted(27, "stroke")) == ("1 stroke", "27 strokes")
+
+
+def test_units_stay_with_their_numbers():
+    assert unbroken("rms 0.29 N, at 2.433 rad/s (N m), 3 not") == "rms 0.29\u00a0N, at 2.433\u00a0rad/s (N\u00a0m), 3 not"
+
+
+def test_parameters_are_shown_in_a_labs_units_and_none_is_left_out():
+    shown = {(q.section, q.name): (q.value, q.unit) for q in quantities_of(PAPER)}
+    assert shown["leg", "link radius"] == ("3", "mm")
+    assert shown["leg", "k0"] == ("10.98", "N m/rad")
+    assert shown["ground", "friction coefficient"] == ("0.41", "")
+    assert shown["drive", "ramp"] == ("0.05", "s")
+    assert shown["leg", "link lengths"][0].startswith("54, 39.333, ")
+    assert len(shown) == 7 + 5 + 1 + 1
+
+
+def test_a_title_cannot_break_latex():
+    assert _tex_text("50% & A_b {c} \\d") == r"50\% \& A\_b \{c\} \textbackslash{}d"
