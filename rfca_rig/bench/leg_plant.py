@@ -1,6 +1,7 @@
 """The mechanics behind the twins: the model's chain, its shaft turned by whatever torque the motor twin gives."""
 
 from dataclasses import dataclass, field
+from math import sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,13 +77,19 @@ class LegPlant:
         return wrench
 
     def _notice_touchdown(self, elapsed_s: float) -> None:
-        depth = np.cumsum(self._chain.length * np.sin(self._state.q)) + self._chain.radius
-        if depth.max() < self._chain.ground_depth:
+        if self._deepest_m() < self._chain.ground_depth:
             self._airborne_s += elapsed_s
         elif self._airborne_s > IN_THE_AIR_S:
             self._airborne_s = 0.0
             friction = self.rig.ground.friction_coefficient + self.scatter.friction * self.random.standard_normal()
             self._chain = self._chain._replace(mu=max(friction, 0.0))
+
+    def _deepest_m(self) -> float:
+        depth_m = deepest_m = 0.0
+        for length_m, angle_rad in zip(self.rig.leg.link_lengths_m, self._state.q.tolist(), strict=True):
+            depth_m += length_m * sin(angle_rad)
+            deepest_m = max(deepest_m, depth_m)
+        return deepest_m + self.rig.leg.link_radius_m
 
     def shaft(self) -> ShaftState:
         return ShaftState(float(self._state.q[0]), float(self._state.w[0]), self._torque_Nm)

@@ -80,6 +80,7 @@ def _drive(rig: RigFile) -> OdriveSettings:
         direction=motor.direction,
         zero_turns=motor.zero_turns,
         encoder_period_s=motor.encoder_period_ms / 1e3,
+        heartbeat_timeout_s=rig.limits.drive_silent_ms / 1e3,
     )
 
 

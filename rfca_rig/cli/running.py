@@ -13,6 +13,7 @@ from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.places import new_run_folder
 from rfca_rig.cli.terminal import Say, marked, progress_bar
 from rfca_rig.description.rig_file import RigFile
+from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.model.compiled import is_warm
@@ -115,9 +116,17 @@ def _record(order: Order, on_stage: Callable[[Stage, Recorder, Say], None]) -> t
             except RigError as error:
                 _keep(file, recorder, folder, say, str(error))
                 raise
-        devices = {**bench.motor.identity(), **bench.sensor.identity()}
-        file.finish({"ended": "done", **devices, "sensor_health": str(bench.sensor.health())})
+        file.finish({"ended": "done", **_devices(bench)})
     return folder, recorder
+
+
+def _devices(bench: Bench) -> dict[str, str]:
+    """Who measured, and how whole the streams were."""
+    health = bench.sensor.health()
+    counted = f"{health.received} received, {health.lost} lost, {health.duplicate} twice, {health.out_of_order} out of order"
+    motor = {f"motor_{name}": text for name, text in bench.motor.identity().items()}
+    sensor = {f"sensor_{name}": text for name, text in bench.sensor.identity().items()}
+    return {**motor, **sensor, "sensor_records": f"{counted}, {health.malformed} malformed, {health.faulty_status} with a bad status"}
 
 
 def _keep(file: RunFile, recorder: Recorder, folder: Path, say: Say, why: str) -> None:

@@ -163,7 +163,7 @@ class NetFtSensor:
             "serial_number": self._settings.serial_number,
             "counts_per_N": repr(self._settings.counts_per_N),
             "counts_per_Nm": repr(self._settings.counts_per_Nm),
-            "rate_Hz": repr(1.0 / self._settings.record_period_s),
+            "rate_Hz": f"{1.0 / self._settings.record_period_s:.6g}",
         }
 
 

@@ -12,6 +12,7 @@ from rfca_rig.engine.settling import settle
 from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Flap, Hold, MoveShaft, way_to
 
 TICK_S = 0.002
+MOVE_TICK_S = 0.005
 
 
 @dataclass(frozen=True)
@@ -33,10 +34,10 @@ def move(loop: Loop, stage: MoveShaft) -> None:
     way_rad = way_to(stage.angle_rad, loop.target_rad, stage.forwards)
     start_rad, goal_rad = loop.target_rad, loop.target_rad + way_rad
     duration_s = abs(way_rad) / stage.speed_rad_s + MOVE_RAMP_S
-    for k in range(1, math.ceil(duration_s / TICK_S) + 1):
-        travelled, speed = _trapezoid(k * TICK_S / duration_s, MOVE_RAMP_S / duration_s)
-        loop.to_angle(start_rad + way_rad * travelled, way_rad * speed / duration_s, TICK_S)
-    loop.to_angle(goal_rad, 0.0, TICK_S)
+    for k in range(1, math.ceil(duration_s / MOVE_TICK_S) + 1):
+        travelled, speed = _trapezoid(k * MOVE_TICK_S / duration_s, MOVE_RAMP_S / duration_s)
+        loop.to_angle(start_rad + way_rad * travelled, way_rad * speed / duration_s, MOVE_TICK_S)
+    loop.to_angle(goal_rad, 0.0, MOVE_TICK_S)
 
 
 def _trapezoid(x: float, ramp: float) -> tuple[float, float]:

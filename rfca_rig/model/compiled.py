@@ -39,6 +39,6 @@ def compiled(function: Function) -> Function:
     others = _settings.CACHE_DIR
     _settings.CACHE_DIR = CACHE_FOLDER
     try:
-        return cast(Function, numba.njit(cache=True, nogil=True)(function))
+        return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
     finally:
         _settings.CACHE_DIR = others

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rfca_rig.model.compiled import compiled
-from rfca_rig.model.state import Chain, Floats
+from rfca_rig.model.state import Chain, Floats, Work
 
 
 @compiled
@@ -35,31 +35,40 @@ def tangential_force(chain: Chain, stretch: float, slip: float, normal: float) -
 
 
 @compiled
-def add_contacts(chain: Chain, q: Floats, w: Floats, anchor: Floats, cw: float, cq: float, R: Floats, J: Floats, contact: Floats) -> None:
-    """Ground forces at every link end; `contact` (2, n) receives N and F. Work of F: F (dY_k - r dq_k)."""
+def add_contacts(chain: Chain, q: Floats, w: Floats, anchor: Floats, cw: float, cq: float, work: Work) -> None:
+    """Ground forces at every link end, also into `work.contact` (2, n) = N, F."""
     y = depth = sink = slide = 0.0
-    r = chain.radius
-    down, along = chain.length * np.cos(q), -chain.length * np.sin(q)  # dD/dq_j and dY/dq_j
     for k in range(q.size):
-        y += down[k]  # l cos q is also the run along y
-        depth -= along[k]
-        sink += down[k] * w[k]
-        slide += along[k] * w[k]
-        delta = depth + r - chain.ground_depth
-        if delta <= 0.0:
-            contact[0, k] = contact[1, k] = 0.0
-            continue
-        N, N_delta, N_rate = normal_force(chain, delta, sink)
-        F, F_s, F_v, F_N = tangential_force(chain, y - r * q[k] - anchor[k], slide - r * w[k], N)
-        contact[0, k], contact[1, k] = N, F
-        for j in range(k + 1):
-            along_j = along[j] - (r if j == k else 0.0)
-            dN = cq * (N_delta * down[j] + N_rate * along[j] * w[j]) + cw * N_rate * down[j]
-            dF = cq * (F_s * along_j - F_v * down[j] * w[j]) + cw * F_v * along_j + F_N * dN
-            R[j] += N * down[j] - F * along_j
-            J[j, j] += cq * (N * along[j] + F * down[j])
-            for i in range(k + 1):
-                J[i, j] += dN * down[i] - dF * (along[i] - (r if i == k else 0.0))
+        down, along = chain.length[k] * work.cos[k], -chain.length[k] * work.sin[k]
+        y += down  # l cos q is the run along y, and also dD/dq
+        depth -= along
+        sink += down * w[k]
+        slide += along * w[k]
+        if depth + chain.radius <= chain.ground_depth:
+            work.contact[0, k] = work.contact[1, k] = 0.0
+        else:
+            stretch = y - chain.radius * q[k] - anchor[k]
+            place = (depth + chain.radius - chain.ground_depth, sink, stretch, slide - chain.radius * w[k])
+            add_contact(chain, k, place, w, cw, cq, work)
+
+
+@compiled
+def add_contact(chain: Chain, k: int, place: tuple[float, float, float, float], w: Floats, cw: float, cq: float, work: Work) -> None:
+    """The contact at the end of link k; `place` = depth, its rate, stretch from the anchor, slip. Work of F: F (dY_k - r dq_k)."""
+    N, N_delta, N_rate = normal_force(chain, place[0], place[1])
+    F, F_s, F_v, F_N = tangential_force(chain, place[2], place[3], N)
+    work.contact[0, k], work.contact[1, k] = N, F
+    R, J = work.R, work.J
+    for j in range(k + 1):
+        down, along = chain.length[j] * work.cos[j], -chain.length[j] * work.sin[j]
+        along_j = along - (chain.radius if j == k else 0.0)
+        dN = cq * (N_delta * down + N_rate * along * w[j]) + cw * N_rate * down
+        dF = cq * (F_s * along_j - F_v * down * w[j]) + cw * F_v * along_j + F_N * dN
+        R[j] += N * down - F * along_j
+        J[j, j] += cq * (N * along + F * down)
+        for i in range(k + 1):
+            J[i, j] += dN * chain.length[i] * work.cos[i] + dF * chain.length[i] * work.sin[i]
+        J[k, j] += dF * chain.radius
 
 
 @compiled

@@ -21,7 +21,7 @@ def settle(chain: Chain, q: Floats, tolerance: float) -> bool:
     n = q.size
     work, zero = room_to_work(n), np.zeros(n)
     for _ in range(NEWTON_LIMIT):
-        assemble(chain, q, zero, zero, zero, 0.0, 0.0, 1.0, work.R, work.J, work.contact)
+        assemble(chain, q, zero, zero, zero, 0.0, 0.0, 1.0, work)
         work.R[0] = 0.0
         work.J[0, :] = 0.0
         work.J[0, 0] = 1.0

@@ -25,9 +25,11 @@ DONE, STEP_TOO_SHORT = 0, 1
 @compiled
 def room_to_work(n: int) -> Work:
     """Scratch for a chain of n links."""
-    v = np.zeros((7, n))
+    v = np.zeros((9, n))
     contact, force = np.zeros((2, 2, n)), np.zeros((2, 3))
-    return Work(np.empty(n), np.empty((n, n)), v[0], v[1], v[2], v[3], v[4], v[5], v[6], contact[0], contact[1], force[0], force[1])
+    return Work(
+        np.zeros(n), np.zeros((n, n)), v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], contact[0], contact[1], force[0], force[1]
+    )
 
 
 @compiled
@@ -48,7 +50,7 @@ def stage(
     """One implicit stage: a with R(base_q + g w, base_w + g a, a) = 0. True when Newton's iteration converged."""
     for _ in range(NEWTON_LIMIT):
         place(shaft, t, base_q, base_w, g, q, w, a)
-        assemble(chain, q, w, a, anchor, 1.0, g, g * g, work.R, work.J, work.contact)
+        assemble(chain, q, w, a, anchor, 1.0, g, g * g, work)
         close_shaft_row(shaft, q, w, a, g, work.R, work.J)
         if not solve(work.J, work.R):
             return False
@@ -69,7 +71,7 @@ def try_step(chain: Chain, shaft: Shaft, state: State, t: float, t_new: float, t
     """A whole step into `work`. Returns its error in units of the tolerance, or infinity where a stage did not converge."""
     h = t_new - t
     g = GAMMA * h
-    newton = 1e-4 * tolerance[1]
+    newton = 1e-2 * tolerance[1]
     work.a[:] = state.a
     if not stage(chain, shaft, t + g, state.q, state.w, state.anchor, g, newton, work.q, work.w, work.a, work):
         return np.inf

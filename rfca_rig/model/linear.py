@@ -19,8 +19,9 @@ def solve(J: Floats, x: Floats) -> bool:
             for j in range(k, n):
                 J[k, j], J[p, j] = J[p, j], J[k, j]
             x[k], x[p] = x[p], x[k]
+        inverse = 1.0 / J[k, k]
         for i in range(k + 1, n):
-            f = J[i, k] / J[k, k]
+            f = J[i, k] * inverse
             if f != 0.0:
                 for j in range(k + 1, n):
                     J[i, j] -= f * J[k, j]

@@ -73,10 +73,12 @@ class Samples(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch of one integration."""
+    """Scratch of one integration; `sin`, `cos` are those of the angles last assembled."""
 
     R: Floats
     J: Floats
+    sin: Floats
+    cos: Floats
     q: Floats
     w: Floats
     a: Floats

@@ -7,13 +7,16 @@ from rfca_rig.twins.odrive import OdriveTwin
 from rfca_rig.twins.plant import Plant
 
 LONGEST_STEP_S = 2e-3
+RESTING_STEPS = 5
+RESTING_RAD_S = 1e-3
 
 
 class TwinWorld:
     """`process(to_s)` is what a twin clock carries along. Knows no wall clock; the same calls give the same bytes.
 
-    Steps are at most `longest_step_s` long: so often does the drive's loop look at its integrator, its torque limit and its
-    watchdog. Encoder reports within a step lie on a cubic between its ends, force samples are the plant's own.
+    Steps are at most `longest_step_s` long, five times that while the shaft stands: so often does the drive's loop look at its
+    integrator, its torque limit and its watchdog. Encoder reports within a step lie on a cubic between its ends, force samples
+    are the plant's own.
     """
 
     def __init__(self, plant: Plant, motor: OdriveTwin, sensor: NetFtTwin, longest_step_s: float = LONGEST_STEP_S) -> None:
@@ -26,7 +29,9 @@ class TwinWorld:
     def process(self, to_s: float) -> None:
         """Carries everything from where it stands to `to_s`."""
         began_s = self._now_s
-        steps = ceil((to_s - began_s) / self._longest_step_s - 1e-6)
+        resting = abs(self._plant.shaft().speed_rad_s) < RESTING_RAD_S
+        longest_s = RESTING_STEPS * self._longest_step_s if resting else self._longest_step_s
+        steps = ceil((to_s - began_s) / longest_s - 1e-6)
         for step in range(1, steps + 1):
             self._step(to_s if step == steps else began_s + (to_s - began_s) * step / steps)
 

@@ -34,13 +34,15 @@ def test_another_seed_gives_other_bytes() -> None:
     assert bytes_of_a_run(seed=5) != bytes_of_a_run(seed=6)
 
 
-def test_a_long_wait_is_split_into_steps_of_at_most_2_ms() -> None:
+@pytest.mark.parametrize(("speed_rad_s", "longest_s", "steps"), [(0.5, 2e-3, 16), (0.0, 1e-2, 4)])
+def test_a_long_wait_is_split_into_steps_longer_while_the_shaft_stands(speed_rad_s: float, longest_s: float, steps: int) -> None:
     with twin_rig() as rig:
+        rig.rotor.speed_rad_s = speed_rad_s
         rig.clock.wait_until(0.0301)
         ends_s = np.array([to_s for to_s, _ in rig.rotor.drives])
         assert ends_s[-1] == 0.0301
-        assert np.diff(ends_s, prepend=0.0).max() <= 2e-3 + 1e-12
-        assert len(ends_s) == 16
+        assert np.diff(ends_s, prepend=0.0).max() <= longest_s + 1e-12
+        assert len(ends_s) == steps
 
 
 def test_a_tick_of_2_ms_is_one_step_whatever_the_rounding() -> None:

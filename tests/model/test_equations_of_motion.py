@@ -7,6 +7,7 @@ from scipy.special import ellipk
 
 from rfca_rig.model.chain import Tolerance, advance, at_rest, chain_of, room_for
 from rfca_rig.model.forces import assemble
+from rfca_rig.model.integrator import room_to_work
 from rfca_rig.model.state import Shaft, State
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
 
@@ -104,10 +105,10 @@ def test_the_jacobian_is_the_derivative_of_the_residual():
 
 
 def residual(chain, q, w, a, anchor, weights):
-    R, J, contact = np.empty(7), np.empty((7, 7)), np.zeros((2, 7))
-    assemble(chain, q, w, a, anchor, *weights, R, J, contact)
-    assert (contact[0] > 0).sum() >= 2  # several ends in the ground, or the test proves little
-    return R.copy(), J.copy()
+    work = room_to_work(7)
+    assemble(chain, q, w, a, anchor, *weights, work)
+    assert (work.contact[0] > 0).sum() >= 2  # several ends in the ground, or the test proves little
+    return work.R, work.J
 
 
 def test_at_rest_each_hinge_carries_the_weight_beyond_it():

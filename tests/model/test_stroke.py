@@ -10,6 +10,7 @@ from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
 from rfca_rig.model.stroke import stroke_at_speed, stroke_following
 from tests.model.legs import PAPER
+from tests.model.lsoda import ICE, fz_by_lsoda
 
 T = np.arange(-100, 1250) * 1e-3
 
@@ -126,3 +127,12 @@ def test_wide_parameters_neither_fail_nor_depend_on_the_tolerance(case):
     late = slice(300, None)  # the touchdown's spikes are chaotic on a hard floor; loading is not
     assert np.isfinite(plain.fz_N).all()
     assert np.sqrt(np.mean((plain.fz_N - tight.fz_N)[late] ** 2)) < 5e-3 * np.abs(tight.fz_N[late]).max()
+
+
+def test_another_integrator_gives_the_same_stroke_on_ice():
+    t = np.arange(1, 700) * 1e-3
+    other = fz_by_lsoda(ICE, 0.215, 3.0, t, 1e-8)
+    ours = stroke_at_speed(ICE, 0.215, 3.0, t).fz_N
+    touching = t > 0.3
+    assert np.sqrt(np.mean((ours - other)[touching] ** 2)) < 2e-3 * np.ptp(other)
+    assert ours.min() == pytest.approx(other.min(), rel=1e-3)

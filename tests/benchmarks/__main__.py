@@ -1,0 +1,72 @@
+"""Speed of the parts that people wait for, as ratios within one run: python -m tests.benchmarks [--short]
+
+Absolute times depend on the machine and are printed for orientation only.
+"""
+
+import argparse
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from rfca_rig.campaign.opening import open_recordings
+from rfca_rig.engine.run import run_plan
+from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.report.writing import write_report
+from tests.engine.rigs import nothing, one_condition, recorder_on, twin_rig
+from tests.model.legs import PAPER
+from tests.model.lsoda import ICE, fz_by_lsoda
+
+SMALL = Path(__file__).parents[1] / "data" / "small-campaign"
+T = np.arange(1, 1401) * 1e-3
+
+
+def median_s(work: Callable[[], object], rounds: int) -> float:
+    """Median wall time of `work`, after one round that does not count."""
+    work()
+    times = []
+    for _ in range(rounds):
+        begin = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begin)
+    return statistics.median(times)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--short", action="store_true", help="fewer rounds")
+    rounds = 3 if parser.parse_args().short else 11
+    stroke_s = median_s(lambda: stroke_at_speed(PAPER, 0.215, 2.433, T), 5 * rounds)
+    ice_s = median_s(lambda: stroke_at_speed(ICE, 0.215, 2.433, T), 5 * rounds)
+    lsoda_s = median_s(lambda: fz_by_lsoda(ICE, 0.215, 2.433, T, 1e-5), rounds)
+    run_s, rig_s = _run(rounds)
+    report_s = _report(rounds)
+    print(f"one simulated stroke, 1.4 s of motion      {1e3 * stroke_s:8.2f} ms   {1.4 / stroke_s:8.0f} x real time")
+    print(f"the same without friction                  {1e3 * ice_s:8.2f} ms   {lsoda_s / ice_s:8.1f} times as fast as LSODA")
+    print(f"a run on the twin, {rig_s:.1f} s of rig time       {run_s:8.2f} s    {rig_s / run_s:8.1f} x real time")
+    print(f"a report over 4 recordings                 {report_s:8.2f} s    {report_s / stroke_s:8.0f} strokes' worth")
+
+
+def _run(rounds: int) -> tuple[float, float]:
+    rig, rig_s = twin_rig(), 0.0
+
+    def once() -> None:
+        nonlocal rig_s
+        with tempfile.TemporaryDirectory() as folder, recorder_on(rig, Path(folder) / "run.h5") as (bench, recorder, _):
+            run_plan(one_condition(rig), bench, recorder, nothing)
+            rig_s = bench.clock.now_s()
+
+    return median_s(once, rounds), rig_s
+
+
+def _report(rounds: int) -> float:
+    recordings = open_recordings([SMALL])
+    with tempfile.TemporaryDirectory() as folder:
+        return median_s(lambda: write_report(recordings, Path(folder)), rounds)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,51 @@
+"""The same equations of motion in the hands of scipy's LSODA: slow, but somebody else's integrator.
+
+Friction with memory is no ordinary differential equation, so the floor is without it here; its normal forces stay.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from rfca_rig.model.chain import at_rest, chain_of
+from rfca_rig.model.forces import assemble
+from rfca_rig.model.integrator import room_to_work
+from rfca_rig.model.parameters import RigModel
+from tests.model.legs import PAPER
+
+ICE = replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.0, drag_N_s_per_m=0.0))
+
+
+def fz_by_lsoda(rig: RigModel, height_m: float, speed_rad_s: float, t_s: np.ndarray, rtol: float) -> np.ndarray:
+    """fz (m,) at `t_s` > 0 of a stroke without friction; the shaft as in `stroke_at_speed`."""
+    chain = chain_of(rig, height_m)._replace(grip=0.0)
+    n, ramp_s = chain.length.size, rig.drive.ramp_s
+    rest = at_rest(chain, rig.leg.start_angle_rad)
+    work, nowhere = room_to_work(n), np.zeros(n)
+
+    def full(t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        ramping = t < ramp_s
+        share = t / ramp_s
+        angle = rig.leg.start_angle_rad + speed_rad_s * (0.5 * ramp_s * share**2 if ramping else t - 0.5 * ramp_s)
+        q = np.concatenate([[angle], x[: n - 1]])
+        w = np.concatenate([[speed_rad_s * min(share, 1.0)], x[n - 1 :]])
+        a = np.zeros(n)
+        a[0] = speed_rad_s / ramp_s if ramping else 0.0
+        assemble(chain, q, w, a, nowhere, 1.0, 0.0, 0.0, work)
+        a[1:] = np.linalg.solve(work.J[1:, 1:], -work.R[1:])
+        return q, w, a
+
+    def rhs(t: float, x: np.ndarray) -> np.ndarray:
+        _, w, a = full(t, x)
+        return np.concatenate([w[1:], a[1:]])
+
+    fz, x, t0 = [], np.concatenate([rest.q[1:], np.zeros(n - 1)]), 0.0
+    for part in (t_s[t_s <= ramp_s], t_s[t_s > ramp_s]):  # the shaft's acceleration jumps in between
+        solution = solve_ivp(rhs, (t0, part[-1]), x, "LSODA", part, rtol=rtol, atol=1e-3 * rtol)
+        for t, y in zip(part, solution.y.T, strict=True):
+            q, w, a = full(t, y)
+            sunk = chain.first_moment @ (np.cos(q) * a - np.sin(q) * w**2)
+            fz.append(chain.total_mass * chain.gravity - sunk - work.contact[0].sum())
+        x, t0 = solution.y[:, -1], part[-1]
+    return np.array(fz)

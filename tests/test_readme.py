@@ -1,0 +1,71 @@
+"""What the README says is so: its commands run, its snippet runs, its figures are the model's."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from rfca_rig.analysis.prediction import predict_stroke
+from rfca_rig.description.rig_file import read_rig
+from tests.cli.typed import typed
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+
+
+def block(mark: str) -> str:
+    return re.search(rf"<!-- {mark} -->\n```sh\n(.*?)```", README, re.DOTALL)[1]
+
+
+@pytest.fixture
+def clone(tmp_path, monkeypatch):
+    """A folder that looks like a fresh clone to the commands."""
+    (tmp_path / "tests").symlink_to(ROOT / "tests")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_commands_run_as_written(clone, monkeypatch, capsys):
+    for line in block("commands").splitlines():
+        program, *words = shlex.split(line)
+        assert program == "rfca-rig"
+        assert typed(monkeypatch, capsys, *words).exit_code == 0, line
+
+
+def test_the_whole_job_ends_in_a_report_and_the_snippet_reads_its_recording(clone, monkeypatch, capsys):
+    words = shlex.split(block("job").split("&&")[-1])
+    assert words[0] == ".venv/bin/rfca-rig"
+    said = typed(monkeypatch, capsys, *words[1:])
+    assert said.exit_code == 0
+    assert (clone / "report" / "report.html").stat().st_size > 100_000
+    shown = re.search(r"average error of the valley ([\d.]+) % in time, ([\d.]+) % in force", README).groups()
+    assert re.search(r"average error of the valley ([\d.]+) % in time, ([\d.]+) % in force", said.err).groups() == shown
+    snippet = re.search(r"```python\n(.*?)```", README, re.DOTALL)[1]
+    names: dict[str, object] = {}
+    exec(snippet, names)
+    assert len(names["t_s"]) == len(names["fz_N"]) > 10_000
+
+
+def test_both_set_up_commands_start_from_nothing_but_python():
+    for mark in ("job", "test"):
+        assert block(mark).startswith("python3 -m venv .venv && .venv/bin/pip install -q -c constraints.txt -e ")
+
+
+def test_the_model_s_column_of_table_2_is_what_the_model_says():
+    rows = re.findall(r"\| (\d+) mm, ([\d.]+) rad/s \|.*\| ([\d.]+) s, (-[\d.]+) N \|", README)
+    assert len(rows) == 4
+    model = read_rig(ROOT / "calibration" / "twin.toml").model()
+    for height_mm, speed, time_s, fz_N in rows:
+        found = predict_stroke(model, float(height_mm) / 1e3, float(speed), 200.0).summary()
+        assert f"{found['valley_time_s']:.3f}" == time_s
+        assert f"{found['valley_fz_N']:.2f}" == fz_N
+
+
+def test_constraints_name_no_host_and_pin_every_dependency():
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    assert all(re.fullmatch(r"[A-Za-z0-9_.-]+==[A-Za-z0-9_.+!-]+", line) for line in lines)
+    pinned = {line.split("==")[0].lower().replace("_", "-") for line in lines}
+    wanted = re.findall(r'^    "([A-Za-z0-9-]+)[><=]', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert wanted
+    assert {name.lower() for name in wanted} <= pinned
