@@ -10,6 +10,7 @@ from rfca_rig.codecs.odrive_messages import AxisState, Command
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import DeviceError, Stopped, Tripped
+from rfca_rig.protocol.plan import Flap
 from rfca_rig.recording.run_file import read_partial
 from tests.engine.rigs import changed, nothing, one_condition, recorder_on, twin_rig
 
@@ -111,10 +112,16 @@ def test_a_sensor_that_falls_silent_trips(tmp_path):
 
 def test_strokes_before_a_trip_are_kept(tmp_path):
     rig = twin_rig()
-    kept = stopped_by(
-        tmp_path, rig, one_condition(rig, 2), Tripped, "silent", lambda bench: replace(bench, sensor=QuietSensor(bench.sensor, 2000))
-    )
-    assert [stroke.repeat for stroke in kept.strokes] == [1]
+    with recorder_on(rig, tmp_path / "run.h5") as (bench, recorder, _):
+        quiet = QuietSensor(bench.sensor, 10**6)
+
+        def silence_after_the_first(stage):
+            if isinstance(stage, Flap):
+                quiet._left = 50
+
+        with pytest.raises(Tripped, match="silent"):
+            run_plan(one_condition(rig, 2), replace(bench, sensor=quiet), recorder, silence_after_the_first)
+    assert [stroke.repeat for stroke in read_partial(tmp_path / "run.h5").strokes] == [1]
 
 
 class StatusSensor(QuietSensor):
