@@ -1,0 +1,148 @@
+"""The model against MuJoCo, as the paper holds its own against RecurDyn: contact force curves under the paper's conditions.
+
+Twice: MuJoCo's mechanics under the believed ground, which must agree to the accuracy of the integrators; and MuJoCo with its own
+contact, a linear spring where the model has Hertz. Springs and Hertz are not one physics, so there the ground is made so stiff on
+both sides that the loading no longer depends on its law; touchdown and release always do.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.mujoco_stroke import MujocoStroke, stroke_in_mujoco, stroke_on_springs
+from rfca_rig.analysis.phases import TOUCHDOWN_LASTS_S, Refused, StrokePhases, simulated_phases
+from rfca_rig.analysis.prediction import SAMPLE_S
+from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.errors import BadInput
+from rfca_rig.model.chain import Tolerance
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed
+from rfca_rig.protocol.experiments import Condition
+
+Floats = NDArray[np.float64]
+
+PAPER_PCT = 4.91  # section IV: theoretical model against RecurDyn
+STIFFER = 100.0
+TIGHT = Tolerance(angle_rad=1e-7, speed_rad_s=3e-4)
+
+
+@dataclass(frozen=True)
+class CheckedCondition:
+    """One condition, `ours` by the model and `theirs` by MuJoCo at the same times."""
+
+    condition: Condition
+    ours: SimulatedStroke
+    theirs: MujocoStroke
+
+    @property
+    def label(self) -> str:
+        return f"{1e3 * self.condition.height_m:g} mm, {self.condition.speed_rad_s:g} rad/s"
+
+    @cached_property
+    def contact_N(self) -> Floats:
+        """The model's contact force curve (m,): normal force summed over the link ends."""
+        return np.asarray(self.ours.normal_N.sum(axis=1))
+
+    @cached_property
+    def phases(self) -> StrokePhases:
+        """Those of the model's stroke."""
+        valley = find_valley(self.ours.t_s, self.ours.fz_N)
+        return simulated_phases(self.ours, valley.time_s if isinstance(valley, Valley) else np.inf)
+
+    @property
+    def stroke_pct(self) -> float:
+        """Difference of the contact force curves over the whole stroke."""
+        return difference_pct(self.contact_N, self.theirs.normal_N)
+
+    @property
+    def loading_pct(self) -> float | None:
+        """The same from 30 ms after touchdown to the valley; None where there is no valley."""
+        if not np.isfinite(self.phases.valley_s):
+            return None
+        t_s = self.ours.t_s
+        loading = (t_s >= self.phases.touchdown_s + TOUCHDOWN_LASTS_S) & (t_s <= self.phases.valley_s)
+        return difference_pct(self.contact_N[loading], self.theirs.normal_N[loading])
+
+    def summary(self) -> dict[str, object]:
+        """The figures by name, each with its unit; both codes' valleys [s, N], None where there is none."""
+        return {
+            "height_mm": round(1e3 * self.condition.height_m, 6),
+            "speed_rad_s": self.condition.speed_rad_s,
+            "contact_force_difference_pct": _rounded(self.stroke_pct),
+            "contact_force_difference_loading_pct": _rounded(self.loading_pct),
+            "fz_difference_pct": _rounded(difference_pct(self.ours.fz_N, self.theirs.fz_N)),
+            "valley_ours": _valley(self.ours.t_s, self.ours.fz_N),
+            "valley_mujoco": _valley(self.theirs.t_s, self.theirs.fz_N),
+            "mujoco_steps": self.theirs.steps,
+            "shaft_speed_error": float(f"{self.theirs.speed_error:.1e}"),
+        }
+
+
+def difference_pct(ours: Floats, theirs: Floats) -> float:
+    """Relative L2 difference [%] of two curves sampled at the same times: |ours - theirs| / |theirs|; 0 where both vanish."""
+    size = float(np.linalg.norm(theirs))
+    apart = float(np.linalg.norm(ours - theirs))
+    return 100.0 * apart / size if size else (float("inf") if apart else 0.0)
+
+
+def check_condition(rig: RigModel, condition: Condition, sweep_deg: float) -> CheckedCondition:
+    """The model at its usual tolerance against MuJoCo under the believed ground, sampled at 1 kHz."""
+    t_s = _times(rig, condition, sweep_deg)
+    ours = stroke_at_speed(rig, condition.height_m, condition.speed_rad_s, t_s)
+    _must_touch(ours, condition)
+    return CheckedCondition(condition, ours, stroke_in_mujoco(rig, condition.height_m, condition.speed_rad_s, t_s))
+
+
+def check_own_contact(rig: RigModel, condition: Condition, sweep_deg: float) -> CheckedCondition:
+    """Both on `stiff_ground`, the model at a tight tolerance, so that only the law of contact is left to differ.
+
+    MuJoCo's springs are as stiff as Hertz is at the valley, force over indentation.
+    """
+    stiff, t_s = stiff_ground(rig), _times(rig, condition, sweep_deg)
+    ours = stroke_at_speed(stiff, condition.height_m, condition.speed_rad_s, t_s, TIGHT)
+    _must_touch(ours, condition)
+    spring = _secant_N_per_m(stiff, ours)
+    return CheckedCondition(condition, ours, stroke_on_springs(stiff, condition.height_m, condition.speed_rad_s, t_s, spring))
+
+
+def stiff_ground(rig: RigModel) -> RigModel:
+    """`rig` over a ground a hundred times as stiff, without damping and without viscous drag, which MuJoCo's contact lacks."""
+    stiffness = STIFFER * rig.ground.stiffness_N_per_m1p5
+    return replace(rig, ground=replace(rig.ground, stiffness_N_per_m1p5=stiffness, damping_s_per_m=0.0, drag_N_s_per_m=0.0))
+
+
+def average_pct(checked: Sequence[CheckedCondition]) -> float:
+    """Mean difference over the whole strokes, the figure that stands beside the paper's 4.91 %."""
+    return float(np.mean([one.stroke_pct for one in checked]))
+
+
+def _times(rig: RigModel, condition: Condition, sweep_deg: float) -> Floats:
+    end_s = float(np.radians(sweep_deg)) / condition.speed_rad_s + 0.5 * rig.drive.ramp_s
+    return np.arange(max(int(end_s / SAMPLE_S), 1) + 1, dtype=np.float64) * SAMPLE_S
+
+
+def _must_touch(stroke: SimulatedStroke, condition: Condition) -> None:
+    if not (stroke.normal_N > 0.0).any():
+        raise BadInput(f"at {1e3 * condition.height_m:g} mm the leg never touches the ground: no contact force to compare; lower the rack")
+    if (stroke.normal_N[0] > 0.0).any():
+        raise BadInput(f"at {1e3 * condition.height_m:g} mm the leg lies on the ground before the stroke begins; raise the rack")
+
+
+def _secant_N_per_m(rig: RigModel, stroke: SimulatedStroke) -> float:
+    """Force over indentation of Hertz, at the valley or else at the greatest force: of the end that is pushed hardest."""
+    valley = find_valley(stroke.t_s, stroke.fz_N)
+    at = int(np.abs(stroke.t_s - valley.time_s).argmin()) if isinstance(valley, Valley) else int(stroke.normal_N.max(axis=1).argmax())
+    N = float(stroke.normal_N[at].max())
+    return float(np.cbrt(N * rig.ground.stiffness_N_per_m1p5**2))
+
+
+def _valley(t_s: Floats, fz_N: Floats) -> tuple[float, float] | None:
+    valley = find_valley(t_s, fz_N)
+    return None if isinstance(valley, Refused) else (round(valley.time_s, 5), round(valley.fz_N, 4))
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 5)

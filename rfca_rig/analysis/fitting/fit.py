@@ -1,0 +1,132 @@
+"""The most likely values, given recordings and prior: starts from all over the prior, scatter between strokes, standard errors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import OptimizeResult
+from scipy.stats import norm, qmc
+
+from rfca_rig.analysis.fitting.errors_of_fit import covariance_of
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, Space
+from rfca_rig.analysis.fitting.problem import Problem
+from rfca_rig.analysis.fitting.result import FitResult, Starts
+from rfca_rig.analysis.fitting.scatter import found_scatter, whitening_of
+from rfca_rig.analysis.fitting.solver import Progress, Residuals, descend
+from rfca_rig.errors import SimulationFailed
+
+Floats = NDArray[np.float64]
+
+SAME_POINT = 0.1
+SCREENED_PER_START = 16
+
+
+def _silent(simulated: int, chi2: float) -> None:
+    del simulated, chi2
+
+
+@dataclass(frozen=True)
+class Search:
+    """How to search. `start` gives values to begin from, by parameter name; others begin where they are believed.
+
+    With `starts` above 1, further ones are the best of a Sobol screen of the prior, shifted by `rng`.
+    `progress` is told the number of suppositions computed so far and the chi2 of the last one.
+    """
+
+    starts: int = 1
+    start: Mapping[str, float] = field(default_factory=dict)
+    rng: np.random.Generator | None = None
+    most_evaluations: int = 60
+    progress: Progress = _silent
+
+
+def fit(problem: Problem, space: Space, search: Search | None = None, scatter: Mapping[str, float] | None = None) -> FitResult:
+    """The most likely point of `space`: least squares of the problem's residuals and of the prior's.
+
+    `scatter` names the parameters that differ from stroke to stroke, with the usual standard deviation in their units; empty for none.
+    Raises SimulationFailed where the model cannot be computed as believed.
+    """
+    search, scatter = search or Search(), dict(scatter or {})
+    residuals = Residuals(problem, space, search.progress)
+    if residuals.at([np.zeros(len(space.std))])[0] is None:
+        raise SimulationFailed("the model cannot be computed as believed; look for a slipped decimal point in the leg or the ground")
+    first = _first_point(space, search)
+    _whiten(residuals, first, scatter)
+    runs = [descend(residuals, start, search.most_evaluations) for start in [first, *_screened(residuals, search)]]
+    best = min(runs, key=lambda run: float(run.cost))
+    agreeing = _agreeing(residuals, runs, best)
+    if scatter:
+        scatter = _whiten(residuals, best.x, scatter, learn=True)
+        best = descend(residuals, best.x, search.most_evaluations)
+    return replace(_result(residuals, best), starts=Starts(len(runs), agreeing), scatter=scatter)
+
+
+def _first_point(space: Space, search: Search) -> Floats:
+    first = np.zeros(len(space.std))
+    for name, value in search.start.items():
+        first[space.names.index(name)] = space.point(name, value)
+    return first
+
+
+def _screened(residuals: Residuals, search: Search) -> list[Floats]:
+    """The best of many points drawn evenly from the prior."""
+    if search.starts <= 1:
+        return []
+    dimensions = len(residuals.space.std)
+    exponent = int(np.ceil(np.log2(SCREENED_PER_START * search.starts)))
+    shift = (search.rng or np.random.default_rng(0)).random(dimensions)
+    shares = (qmc.Sobol(dimensions, scramble=False).random_base2(exponent) + shift) % 1.0
+    lower, upper = residuals.space.bounds()
+    points = list(np.clip(norm.ppf(np.clip(shares, 1e-3, 1.0 - 1e-3)), lower, upper))
+    costs = [np.inf if r is None else float(r @ r) for r in residuals.at(points)]
+    return [points[i] for i in np.argsort(costs, kind="stable")[: search.starts - 1]]
+
+
+def _whiten(residuals: Residuals, x: Floats, scatter: Mapping[str, float], learn: bool = False) -> dict[str, float]:
+    """Frees the residuals of the scatter as it acts at x; with `learn` of what the strokes show of it. Returns its deviations."""
+    if not scatter:
+        return {}
+    stroke_of_row = residuals.problem.stroke_of_row
+    parameters = tuple(PARAMETERS[name] for name in scatter)
+    spread = np.array([parameter.spread for parameter in parameters])
+    around = Space(parameters, residuals.space.at(x), spread, np.zeros(len(spread), dtype=bool))
+    deviations = Residuals(residuals.problem, around, residuals.progress)
+    std = np.array(list(scatter.values()))
+    effect = deviations.jacobian(np.zeros(len(std))) / spread
+    if learn:
+        std = found_scatter(std, effect * std, deviations(np.zeros(len(std))), stroke_of_row)
+    residuals.whitening = whitening_of(effect * std, stroke_of_row)
+    residuals.computed += deviations.computed
+    return dict(zip(scatter, (float(s) for s in std), strict=True))
+
+
+def _agreeing(residuals: Residuals, runs: list[OptimizeResult], best: OptimizeResult) -> int:
+    """How many starts ended within a standard error, or a tenth of a prior's, of the best."""
+    covariance, _ = _covariance(residuals, best)
+    near = np.maximum(SAME_POINT, np.sqrt(np.diag(covariance)))
+    return sum(bool((np.abs(run.x - best.x) < near).all()) for run in runs)
+
+
+def _covariance(residuals: Residuals, best: OptimizeResult) -> tuple[Floats, str]:
+    rows = residuals.data_rows
+    return covariance_of(best.fun[:rows], best.jac[:rows], residuals.space.has_prior, residuals.problem.stroke_of_row)
+
+
+def _result(residuals: Residuals, best: OptimizeResult) -> FitResult:
+    rows = residuals.data_rows
+    believed = residuals(np.zeros(len(best.x)))
+    covariance, errors_from = _covariance(residuals, best)
+    return FitResult(
+        space=residuals.space,
+        x=best.x,
+        covariance=covariance,
+        at_bound=best.active_mask != 0,
+        chi2_before=float(believed[:rows] @ believed[:rows]),
+        chi2=float(best.fun[:rows] @ best.fun[:rows]),
+        residuals=rows,
+        strokes=int(residuals.problem.stroke_of_row.max()) + 1,
+        errors_from=errors_from,
+        evaluations=residuals.computed,
+        converged=bool(best.success),
+    )

@@ -1,0 +1,88 @@
+"""The strokes that have to be simulated: one for repeats that are alike, with the shaft turning as told, on average, or as recorded."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.counterpart import GRID_S, Shaft
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.repeats import Condition
+from rfca_rig.analysis.shaft_speed import average_speed
+from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
+from rfca_rig.model.stroke import SimulatedStroke, stroke_following
+from rfca_rig.recording.form import Stroke
+
+Floats = NDArray[np.float64]
+
+SAME_TURN_RAD = 5e-4  # what encoder noise of 1 mrad leaves after smoothing; moves the touchdown of a stroke by 0.2 ms
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One stroke to simulate: height, and a recorded motion of the shaft, or, where that is None, a ramp to `speed_rad_s`."""
+
+    height_m: float
+    speed_rad_s: float
+    motion: ShaftMotion | None
+    end_s: float
+
+    def simulated(self, supposed: Supposed) -> SimulatedStroke:
+        """The stroke on a grid of half milliseconds from the start. Raises SimulationFailed."""
+        t_s = GRID_S * np.arange(0, int(np.ceil(self.end_s / GRID_S)) + 2, dtype=np.float64)
+        return stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, self._motion(supposed), t_s)
+
+    def _motion(self, supposed: Supposed) -> ShaftMotion:
+        if self.motion is None:
+            leg, drive = supposed.rig.leg, supposed.rig.drive
+            return ramp_to_speed(leg.start_angle_rad, self.speed_rad_s, drive.ramp_s, self.end_s)
+        coefficients = self.motion.coefficients.copy()
+        coefficients[:, 0] += supposed.turn_offset_rad
+        return replace(self.motion, coefficients=coefficients)
+
+
+def turns_of(condition: Condition, shaft: Shaft, ramp_s: float, end_s: float) -> tuple[tuple[Turn, ...], tuple[int, ...]]:
+    """The turns of a condition, each to `end_s`, and for each of its strokes which of them is its own.
+
+    `shaft` as in `analysis.counterpart`. With "recorded", repeats whose smoothed turns differ by less than 0.5 mrad share the first
+    one's; a stroke whose shaft angle was not recorded turns at its average speed.
+    """
+    if shaft == "recorded":
+        return _distinct([_recorded(stroke, ramp_s, end_s) for stroke in condition.strokes])
+    speed_rad_s = condition.speed_rad_s
+    if shaft == "average":
+        speed_rad_s = float(np.mean([average_speed(stroke, ramp_s).speed_rad_s for stroke in condition.strokes]))
+    return (Turn(condition.height_m, speed_rad_s, None, end_s),), (0,) * len(condition.strokes)
+
+
+def recorded_start_rad(strokes: Sequence[Stroke]) -> float | None:
+    """Mean shaft angle before the start over all strokes that recorded it; None where none did."""
+    angles = [stroke.channel("shaft_angle_rad") for stroke in strokes]
+    starts = [float(trace[1][trace[0] <= 0.0].mean()) for trace in angles if trace is not None and (trace[0] <= 0.0).any()]
+    return float(np.mean(starts)) if starts else None
+
+
+def _recorded(stroke: Stroke, ramp_s: float, end_s: float) -> Turn:
+    angle = stroke.channel("shaft_angle_rad")
+    if angle is None:
+        return Turn(stroke.height_m, average_speed(stroke, ramp_s).speed_rad_s, None, end_s)
+    return Turn(stroke.height_m, stroke.speed_rad_s, follow(*angle), end_s)
+
+
+def _distinct(turns: Sequence[Turn]) -> tuple[tuple[Turn, ...], tuple[int, ...]]:
+    kept: list[Turn] = []
+    own: list[int] = []
+    for turn in turns:
+        alike = next((i for i, other in enumerate(kept) if _same(turn, other)), len(kept))
+        if alike == len(kept):
+            kept.append(turn)
+        own.append(alike)
+    return tuple(kept), tuple(own)
+
+
+def _same(turn: Turn, other: Turn) -> bool:
+    if turn.motion is None or other.motion is None:
+        return turn == other
+    t_s = np.linspace(0.0, turn.end_s, 200)
+    return float(np.abs(turn.motion.angle_rad(t_s) - other.motion.angle_rad(t_s)).max()) < SAME_TURN_RAD

@@ -1,0 +1,206 @@
+"""Recorded strokes against simulated ones: force and torque over a window of the stroke, averaged over short bins.
+
+Samples at 1 kHz and more are no independent witnesses of a leg that swings in tenths of seconds: bins of 5 ms lose nothing of it.
+
+By default a stroke counts from 200 ms after touchdown to its valley. Before, the model misses a leg that was not quite at rest and the
+stuttering of the first contact, by several times the noise, and a fit would pay for that with mass and friction. After the valley the
+leg lets go, and small differences grow large: a model that is right in everything misses release and rebound.
+In between it meets campaigns with nothing left out to the noise, once what differs from stroke to stroke is allowed for.
+"""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.counterpart import Shaft
+from rfca_rig.analysis.fitting.motions import Turn, turns_of
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.phases import PHASES, Refused, StrokePhases
+from rfca_rig.analysis.repeats import Condition
+from rfca_rig.analysis.valley import valley_and_phases
+from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.stroke import SimulatedStroke
+from rfca_rig.recording.form import Stroke
+
+Floats = NDArray[np.float64]
+
+CHANNELS = ("fz_N", "fy_N", "tx_Nm")
+BIN_S = 0.005
+
+
+@dataclass(frozen=True)
+class Window:
+    """Which part of a stroke counts: its phases, without the first `after_touchdown_s` of contact."""
+
+    phases: tuple[str, ...] = ("loading",)
+    after_touchdown_s: float = 0.2
+
+    def __post_init__(self) -> None:
+        for phase in self.phases:
+            if phase not in PHASES:
+                raise BadInput(f"{phase!r} is no phase of a stroke; known are {', '.join(PHASES)}")
+
+    def inside(self, t_s: Floats, found: StrokePhases) -> NDArray[np.bool_]:
+        """Whether each moment of a stroke counts, same shape as `t_s`. Rest never does: there the model hangs still."""
+        ringing = (t_s >= found.touchdown_s) & (t_s < found.touchdown_s + self.after_touchdown_s)
+        wanted = np.isin(found.number(t_s), [PHASES.index(phase) for phase in self.phases])
+        return np.asarray(wanted & ~ringing & (t_s > 0.0))
+
+    def in_words(self) -> str:
+        """For the reader of a result."""
+        without = f", without the first {1e3 * self.after_touchdown_s:g} ms of contact" if self.after_touchdown_s else ""
+        return f"compared: {', '.join(self.phases)}{without}; the rest of a stroke is not fitted"
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One channel of a stroke within the window: samples (k,), where each bin of them begins (b,), and a bin's noise (b,)."""
+
+    channel: str
+    t_s: Floats
+    values: Floats
+    bins: NDArray[np.intp]
+    bin_noise: Floats
+    sample_noise: float
+
+    def misses(self, simulated: SimulatedStroke) -> Floats:
+        """Simulated minus measured, sample by sample, (k,)."""
+        return np.asarray(np.interp(self.t_s, simulated.t_s, getattr(simulated, self.channel)) - self.values)
+
+    def residuals(self, simulated: SimulatedStroke) -> Floats:
+        """The same as means of bins over their noise, (b,)."""
+        counts = np.diff(np.append(self.bins, len(self.t_s)))
+        return np.asarray(np.add.reduceat(self.misses(simulated), self.bins) / counts / self.bin_noise)
+
+
+@dataclass(frozen=True)
+class MeasuredStroke:
+    """A stroke's traces, and the place of its turn among those that are simulated."""
+
+    traces: tuple[Trace, ...]
+    turn: int
+
+
+@dataclass(frozen=True)
+class StrokeProblem:
+    """All strokes of a fit. `left_out` says in words which strokes could not be used and why."""
+
+    turns: tuple[Turn, ...]
+    strokes: tuple[MeasuredStroke, ...]
+    left_out: tuple[str, ...]
+
+    @property
+    def stroke_of_row(self) -> NDArray[np.intp]:
+        return np.repeat(np.arange(len(self.strokes)), [sum(len(t.bins) for t in stroke.traces) for stroke in self.strokes])
+
+    def residuals(self, supposed: Sequence[Supposed]) -> list[Floats | None]:
+        return [None if simulated is None else self._against(simulated) for simulated in self._simulated(supposed)]
+
+    def rms(self, supposed: Supposed) -> dict[str, float]:
+        """Root mean square of simulated minus measured by channel, sample by sample. Raises SimulationFailed."""
+        simulated = [turn.simulated(supposed) for turn in self.turns]
+        misses: dict[str, list[Floats]] = {}
+        for stroke, trace in self._all_traces():
+            misses.setdefault(trace.channel, []).append(trace.misses(simulated[stroke.turn]))
+        return {channel: float(np.sqrt(np.mean(np.concatenate(all_) ** 2))) for channel, all_ in misses.items()}
+
+    def noise(self) -> dict[str, float]:
+        """Root mean square of the noise by channel, one sample's."""
+        found: dict[str, list[float]] = {}
+        for _, trace in self._all_traces():
+            found.setdefault(trace.channel, []).append(trace.sample_noise)
+        return {channel: float(np.sqrt(np.mean(np.square(all_)))) for channel, all_ in found.items()}
+
+    def _all_traces(self) -> Iterator[tuple[MeasuredStroke, Trace]]:
+        return ((stroke, trace) for stroke in self.strokes for trace in stroke.traces)
+
+    def _against(self, simulated: Sequence[SimulatedStroke]) -> Floats:
+        return np.concatenate([trace.residuals(simulated[stroke.turn]) for stroke, trace in self._all_traces()])
+
+    def _simulated(self, supposed: Sequence[Supposed]) -> Iterator[list[SimulatedStroke] | None]:
+        """The compiled model releases the interpreter lock, so that threads simulate side by side."""
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            strokes = list(pool.map(_attempt, product(supposed, self.turns)))
+        turns = len(self.turns)
+        for first in range(0, len(strokes), turns):
+            found = [stroke for stroke in strokes[first : first + turns] if stroke is not None]
+            yield found if len(found) == turns else None
+
+
+def _attempt(job: tuple[Supposed, Turn]) -> SimulatedStroke | None:
+    """None where the model has no answer, which the solver takes as: not here."""
+    supposed, turn = job
+    try:
+        return turn.simulated(supposed)
+    except SimulationFailed:
+        return None
+
+
+def problem_of(
+    conditions: Sequence[Condition],
+    ramp_s: float,
+    noise_std: Mapping[str, float | None],
+    shaft: Shaft = "recorded",
+    window: Window | None = None,
+) -> StrokeProblem:
+    """All strokes of the conditions that have a valley, to be fitted within `window`.
+
+    `noise_std` is the sensor's, per channel; where it is not stated the noise is taken from neighbouring samples. `shaft` as in
+    `analysis.counterpart`. Raises BadInput where no stroke can be used.
+    """
+    turns: list[Turn] = []
+    strokes: list[MeasuredStroke] = []
+    left_out: list[str] = []
+    for condition in conditions:
+        found = [(stroke, _traces(stroke, noise_std, window or Window())) for stroke in condition.strokes]
+        left_out += [f"left out: {condition.label}, repeat {s.repeat}: {t.reason}" for s, t in found if isinstance(t, Refused)]
+        usable = [(stroke, traces) for stroke, traces in found if not isinstance(traces, Refused)]
+        if not usable:
+            continue
+        end_s = max(float(trace.t_s[-1]) for _, traces in usable for trace in traces)
+        kept = Condition(condition.height_m, condition.speed_rad_s, tuple(stroke for stroke, _ in usable))
+        own_turns, own = turns_of(kept, shaft, ramp_s, end_s)
+        strokes += [MeasuredStroke(traces, len(turns) + place) for (_, traces), place in zip(usable, own, strict=True)]
+        turns += own_turns
+    if not strokes:
+        raise BadInput("; ".join(["no stroke to fit to", *left_out[:1]]))
+    return StrokeProblem(tuple(turns), tuple(strokes), tuple(left_out))
+
+
+def _traces(stroke: Stroke, noise_std: Mapping[str, float | None], window: Window) -> tuple[Trace, ...] | Refused:
+    """The traces of a stroke within the window; refused where it has no valley, without which its phases are not known."""
+    fz = stroke.channel("fz_N")
+    if fz is None:
+        return Refused("fz was not recorded, and with it not when the leg touched")
+    valley, found = valley_and_phases(*fz)
+    if isinstance(valley, Refused):
+        return valley
+    traces = tuple(t for c in CHANNELS if (t := _trace(stroke, c, window, found, noise_std.get(c))) is not None)
+    return traces or Refused(f"nothing left between touchdown at {found.touchdown_s:.3f} s and valley at {valley.time_s:.3f} s")
+
+
+def _trace(stroke: Stroke, channel: str, window: Window, found: StrokePhases, noise: float | None) -> Trace | None:
+    recorded = stroke.channel(channel)
+    if recorded is None:
+        return None
+    t_s, values = recorded
+    inside = window.inside(t_s, found)
+    if not inside.any():
+        return None
+    sample_noise = noise or _noise(values)
+    bins = np.flatnonzero(np.diff(np.floor(t_s[inside] / BIN_S), prepend=-1.0))
+    counts = np.diff(np.append(bins, inside.sum()))
+    return Trace(channel, t_s[inside], values[inside], bins, sample_noise / np.sqrt(counts), sample_noise)
+
+
+def _noise(values: Floats) -> float:
+    """From second differences, which a smooth force leaves alone; the median is deaf to the jumps of a touchdown.
+
+    A difference 1, -2, 1 of white noise has sqrt 6 times its deviation, and 0.6745 of a deviation is the median magnitude.
+    """
+    return float(np.median(np.abs(np.diff(values, 2)))) / 0.6745 / np.sqrt(6.0) or 1.0

@@ -1,0 +1,147 @@
+"""What a fit found, and how far it can be believed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, Space, Supposed
+
+Floats = NDArray[np.float64]
+
+HIGH_CORRELATION = 0.9
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """One parameter in `unit`. `prior_std` is None where nothing was stated; then `shift_in_std` counts its own `std` instead.
+
+    `at_bound`: it wanted to go farther than five standard deviations of the prior, or below what is physical.
+    """
+
+    name: str
+    unit: str
+    believed: float
+    prior_std: float | None
+    value: float
+    std: float
+    shift_in_std: float
+    at_bound: bool
+
+
+@dataclass(frozen=True)
+class Starts:
+    """How many starts there were, and how many ended where the best one did: the sign that there is one answer."""
+
+    count: int
+    agreeing: int
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """The best point of a fit.
+
+    `covariance` (p, p) is that of x, the coordinates of `space`. `chi2_before` and `chi2` are sums of the `residuals` whitened squares,
+    the prior's share left out. `rms_before`, `rms` and `noise` are by channel; `scatter` is what differs from stroke to stroke, by
+    parameter, one standard deviation. `errors_from` says in words where the standard errors come from.
+    """
+
+    space: Space
+    x: Floats
+    covariance: Floats
+    at_bound: NDArray[np.bool_]
+    chi2_before: float
+    chi2: float
+    residuals: int
+    strokes: int
+    errors_from: str
+    evaluations: int
+    converged: bool
+    starts: Starts = Starts(1, 1)
+    scatter: Mapping[str, float] = field(default_factory=dict)
+    rms_before: Mapping[str, float] = field(default_factory=dict)
+    rms: Mapping[str, float] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def supposed(self) -> Supposed:
+        """Rig, height and start as fitted."""
+        return self.space.at(self.x)
+
+    @property
+    def parameters(self) -> tuple[FittedParameter, ...]:
+        """The fitted values, in the order of the space."""
+        std_x = np.sqrt(np.diag(self.covariance))
+        stds, values = self.space.std_in_units(self.x, std_x), self.space.values(self.x)
+        return tuple(self._parameter(i, float(values[i]), float(stds[i]), float(std_x[i])) for i in range(len(self.x)))
+
+    def _parameter(self, i: int, value: float, std: float, std_x: float) -> FittedParameter:
+        parameter, has_prior = self.space.parameters[i], bool(self.space.has_prior[i])
+        return FittedParameter(
+            name=parameter.name,
+            unit=parameter.unit,
+            believed=float(self.space.centres[i]),
+            prior_std=float(self.space.prior_std[i]) if has_prior else None,
+            value=value,
+            std=std,
+            shift_in_std=float(self.x[i]) if has_prior else float(self.x[i]) / std_x,
+            at_bound=bool(self.at_bound[i]),
+        )
+
+    @property
+    def correlation(self) -> Floats:
+        """Of the parameters' errors, (p, p)."""
+        std = np.sqrt(np.diag(self.covariance))
+        return np.asarray(self.covariance / np.outer(std, std))
+
+    def high_correlations(self) -> list[tuple[str, str, float]]:
+        """Pairs that the recordings can hardly tell apart, correlated above 0.9."""
+        names, correlation = self.space.names, self.correlation
+        pairs = [(i, j) for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > HIGH_CORRELATION]
+        return [(names[j], names[i], float(correlation[i, j])) for i, j in pairs]
+
+    def plain(self) -> dict[str, Any]:
+        """Everything as plain data, for JSON."""
+        return {
+            "format": "rfca-fit/1",
+            "parameters": [vars(parameter) for parameter in self.parameters],
+            "correlation": [[round(float(c), 4) for c in row] for row in self.correlation],
+            "chi2_before": self.chi2_before,
+            "chi2": self.chi2,
+            "residuals": self.residuals,
+            "strokes": self.strokes,
+            "errors_from": self.errors_from,
+            "scatter": dict(self.scatter),
+            "rms": {c: {"before": self.rms_before[c], "after": self.rms[c], "noise": self.noise[c]} for c in self.rms},
+            "starts": vars(self.starts),
+            "evaluations": self.evaluations,
+            "converged": self.converged,
+            "notes": list(self.notes),
+        }
+
+    def lines(self) -> list[str]:
+        """The same for a person."""
+        return [
+            f"{'parameter':<20}{'believed':>12}{'prior std':>11}{'fitted':>12}{'std':>11}{'shift':>8}  unit",
+            *(_line(parameter) for parameter in self.parameters),
+            f"chi2 {self.chi2_before:.0f} -> {self.chi2:.0f} for {self.residuals} values of {self.strokes} strokes; {self.errors_from}",
+            *([f"from stroke to stroke: {_deviations(self.scatter)}"] if self.scatter else []),
+            *(f"{c}: rms {self.rms_before[c]:.3g} -> {self.rms[c]:.3g}, noise {self.noise[c]:.3g}" for c in self.rms),
+            *(f"{a} and {b} are correlated to {c:+.2f}: the recordings hardly tell them apart" for a, b, c in self.high_correlations()),
+            *(f"{p.name} is at its bound: look for something that the model lacks" for p in self.parameters if p.at_bound),
+            *([f"{self.starts.agreeing} of {self.starts.count} starts agree"] if self.starts.count > 1 else []),
+            *([] if self.converged else ["the solver had not converged when it stopped"]),
+            *self.notes,
+        ]
+
+
+def _line(p: FittedParameter) -> str:
+    prior = "none" if p.prior_std is None else f"{p.prior_std:.3g}"
+    return f"{p.name:<20}{p.believed:>12.5g}{prior:>11}{p.value:>12.5g}{p.std:>11.2g}{p.shift_in_std:>+8.2f}  {p.unit}".rstrip()
+
+
+def _deviations(scatter: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {std:.2g} {PARAMETERS[name].unit}".rstrip() for name, std in scatter.items())

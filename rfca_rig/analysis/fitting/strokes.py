@@ -1,0 +1,68 @@
+"""Fits a recording's believed model to its strokes, and the model to valleys that others published."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from rfca_rig.analysis.counterpart import Shaft
+from rfca_rig.analysis.fitting.fit import Search, fit
+from rfca_rig.analysis.fitting.motions import recorded_start_rad
+from rfca_rig.analysis.fitting.parameters import Supposed, space_of
+from rfca_rig.analysis.fitting.residuals import StrokeProblem, Window, problem_of
+from rfca_rig.analysis.fitting.result import FitResult
+from rfca_rig.analysis.fitting.scatter import USUAL
+from rfca_rig.analysis.repeats import conditions_of
+from rfca_rig.description.believed import believed_model
+from rfca_rig.errors import BadInput
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.recording.form import Recording, Stroke
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What is compared: how the simulated shaft turns, and which part of a stroke counts."""
+
+    shaft: Shaft = "recorded"
+    window: Window = field(default_factory=Window)
+
+
+def fit_recordings(
+    recordings: Sequence[Recording], names: Sequence[str] = (), comparison: Comparison | None = None, search: Search | None = None
+) -> FitResult:
+    """Fits the named parameters, or all of [known_to], to all strokes of the recordings, which must believe the same.
+
+    Where the shaft follows its recording, `start_angle` is what the encoder should have read: its prior is centred on the mean recorded
+    start. Raises BadInput where the recordings cannot be used together or at all, SimulationFailed.
+    """
+    comparison = comparison or Comparison()
+    believed, known_to = _common(recordings)
+    rig = believed_model(believed)
+    strokes = [stroke for recording in recordings for stroke in recording.strokes]
+    noise_std = believed["sensor"].get("noise_std") or {}
+    problem = problem_of(conditions_of(strokes), rig.drive.ramp_s, noise_std, comparison.shaft, comparison.window)
+    centre = Supposed(_starting_as_recorded(rig, strokes) if comparison.shaft == "recorded" else rig)
+    result = fit(problem, space_of(names, centre, known_to), search, USUAL)
+    return _with_rms(result, problem, comparison.window)
+
+
+def _common(recordings: Sequence[Recording]) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    first = recordings[0]
+    for other in recordings[1:]:
+        if other.believed != first.believed or other.known_to != first.known_to:
+            raise BadInput(f"{other.title!r} believes other values of the rig than {first.title!r}; fit them one by one")
+    return first.believed, first.known_to
+
+
+def _starting_as_recorded(rig: RigModel, strokes: Sequence[Stroke]) -> RigModel:
+    start_rad = recorded_start_rad(strokes)
+    return rig if start_rad is None else replace(rig, leg=replace(rig.leg, start_angle_rad=start_rad))
+
+
+def _with_rms(result: FitResult, problem: StrokeProblem, window: Window) -> FitResult:
+    return replace(
+        result,
+        rms_before=problem.rms(result.space.centre),
+        rms=problem.rms(result.supposed),
+        noise=problem.noise(),
+        notes=(window.in_words(), *problem.left_out),
+    )

@@ -1,0 +1,102 @@
+"""Fits the model to valleys alone: rows of time and force, as Table II of the paper prints them, without any recording."""
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.counterpart import GRID_S, LONGER
+from rfca_rig.analysis.fitting.fit import Search, fit
+from rfca_rig.analysis.fitting.parameters import Supposed, space_of
+from rfca_rig.analysis.fitting.result import FitResult
+from rfca_rig.analysis.phases import Refused
+from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.stroke import stroke_at_speed
+
+Floats = NDArray[np.float64]
+
+BEFORE_S = 0.1
+
+
+@dataclass(frozen=True)
+class ValleyRow:
+    """The measured valley of one condition, and one standard deviation of its time and its force."""
+
+    height_m: float
+    speed_rad_s: float
+    time_s: float
+    fz_N: float
+    time_std_s: float
+    fz_std_N: float
+
+    def simulated(self, supposed: Supposed) -> Valley | Refused:
+        """The model's valley at this condition, found as a recorded one is. Raises SimulationFailed."""
+        t_s = GRID_S * np.arange(-round(BEFORE_S / GRID_S), int(LONGER * self.time_s / GRID_S) + 1, dtype=np.float64)
+        stroke = stroke_at_speed(supposed.rig, self.height_m + supposed.height_offset_m, self.speed_rad_s, t_s)
+        return find_valley(stroke.t_s, stroke.fz_N)
+
+
+@dataclass(frozen=True)
+class ValleyProblem:
+    """Two residuals per row: time and force."""
+
+    rows: tuple[ValleyRow, ...]
+
+    @property
+    def stroke_of_row(self) -> NDArray[np.intp]:
+        return np.repeat(np.arange(len(self.rows)), 2)
+
+    def residuals(self, supposed: Sequence[Supposed]) -> list[Floats | None]:
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            found = list(pool.map(_attempt, product(supposed, self.rows)))
+        count = len(self.rows)
+        return [_joined(found[first : first + count]) for first in range(0, len(found), count)]
+
+    def rms(self, supposed: Supposed) -> dict[str, float]:
+        """Root mean square of simulated minus measured, by quantity; NaN where the model has no valley."""
+        residuals = self.residuals([supposed])[0]
+        if residuals is None:
+            return dict.fromkeys(self.noise(), float("nan"))
+        misses = residuals.reshape(-1, 2) * [[row.time_std_s, row.fz_std_N] for row in self.rows]
+        return dict(zip(self.noise(), (float(miss) for miss in np.sqrt(np.mean(misses**2, axis=0))), strict=True))
+
+    def noise(self) -> dict[str, float]:
+        """Root mean square of the rows' standard deviations, by quantity."""
+        squares = np.mean([[row.time_std_s**2, row.fz_std_N**2] for row in self.rows], axis=0)
+        return dict(zip(("valley_time_s", "valley_fz_N"), (float(square) for square in np.sqrt(squares)), strict=True))
+
+
+def fit_valleys(
+    rig: RigModel, rows: Sequence[ValleyRow], names: Sequence[str], known_to: Mapping[str, float], search: Search | None = None
+) -> FitResult:
+    """Fits the named parameters of `rig` to the rows, the shaft at constant speed as the paper's.
+
+    `known_to` as in the section of that name. Two numbers a row are few: without a prior no more than two parameters a row can be told.
+    Raises BadInput for a parameter that is not known, SimulationFailed where `rig` as given has no valley at one of the rows.
+    """
+    problem = ValleyProblem(tuple(rows))
+    centre = Supposed(rig)
+    result = fit(problem, space_of(names, centre, known_to), search)
+    return replace(result, rms_before=problem.rms(centre), rms=problem.rms(result.supposed), noise=problem.noise())
+
+
+def _attempt(job: tuple[Supposed, ValleyRow]) -> Floats | None:
+    supposed, row = job
+    try:
+        valley = row.simulated(supposed)
+    except SimulationFailed:
+        return None
+    if isinstance(valley, Refused):
+        return None
+    return np.array([(valley.time_s - row.time_s) / row.time_std_s, (valley.fz_N - row.fz_N) / row.fz_std_N])
+
+
+def _joined(found: Sequence[Floats | None]) -> Floats | None:
+    rows = [row for row in found if row is not None]
+    return np.concatenate(rows) if len(rows) == len(found) else None

@@ -1,0 +1,80 @@
+"""The ground's law written a second time, for MuJoCo: forces on bodies in space, from MuJoCo's places and speeds of the link ends.
+
+It shares no code with the model, which works in link angles. Here MuJoCo itself carries the forces over to its joints.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.model.compiled import compiled
+from rfca_rig.model.parameters import RigModel
+
+Floats = NDArray[np.float64]
+
+
+class GroundLaw(NamedTuple):
+    """Hertz with damping while sinking, Coulomb friction with anchors, viscous drag; a floor `depth` below the shaft. SI units."""
+
+    stiffness: float
+    damping: float
+    mu: float
+    grip: float
+    drag: float
+    radius: float
+    depth: float
+
+
+class Ends(NamedTuple):
+    """MuJoCo's arrays, by body with the world first: centres of mass, velocities about `origin`, wrenches; `place` of the ends (n, 3)."""
+
+    place: Floats
+    mass_centre: Floats
+    origin: Floats
+    velocity: Floats
+    hinge_angle: Floats
+    wrench: Floats
+
+
+def ground_law(rig: RigModel, height_m: float) -> GroundLaw:
+    """The law that `rig` believes."""
+    g = rig.ground
+    return GroundLaw(
+        g.stiffness_N_per_m1p5,
+        g.damping_s_per_m,
+        g.friction_coefficient,
+        g.grip_N_per_m,
+        g.drag_N_s_per_m,
+        rig.leg.link_radius_m,
+        height_m,
+    )
+
+
+@compiled
+def push(law: GroundLaw, ends: Ends, anchor: Floats, step_begins: bool, contact: Floats) -> None:
+    """Writes the ground's push into `ends.wrench` (force, torque about the centre of mass) and `contact` (2, n) = N, F.
+
+    Where a step begins, the anchors of sliding ends follow and those of ends in the air wait below them.
+    """
+    angle = 0.0
+    for k in range(ends.hinge_angle.size):
+        angle += ends.hinge_angle[k]
+        x, z = ends.place[k, 0], ends.place[k, 2]
+        turning = ends.velocity[k + 1, 1]
+        v_x = ends.velocity[k + 1, 3] + turning * (z - ends.origin[2])
+        v_z = ends.velocity[k + 1, 5] - turning * (x - ends.origin[0])
+        indentation = max(law.radius - z - law.depth, 0.0)
+        N = law.stiffness * indentation**1.5 * (1.0 + law.damping * max(-v_z, 0.0))
+        rolled = x - law.radius * angle
+        if step_begins:
+            reach = law.mu * N / law.grip
+            anchor[k] = min(max(anchor[k], rolled - reach), rolled + reach)
+        F = 0.0
+        if indentation > 0.0:
+            held = law.grip * (anchor[k] - rolled)
+            F = min(max(held, -law.mu * N), law.mu * N) - law.drag * (v_x - law.radius * turning)
+        contact[0, k], contact[1, k] = N, F
+        wrench, centre = ends.wrench[k + 1], ends.mass_centre[k + 1]
+        wrench[0], wrench[2] = F, N
+        wrench[4] = (z - law.radius - centre[2]) * F - (x - centre[0]) * N

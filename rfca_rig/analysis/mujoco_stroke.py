@@ -1,0 +1,166 @@
+"""One stroke of the leg in MuJoCo, with the believed ground or with MuJoCo's own contact."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import ceil
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.mujoco_contact import Ends, ground_law, push
+from rfca_rig.analysis.mujoco_leg import FLYWHEEL_KG_M2, MujocoLeg, hang, mujoco_leg
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.parameters import RigModel
+
+Floats = NDArray[np.float64]
+
+STEP_S = 2e-5  # with RK4 half of it changes the contact force by less than 1e-5
+CREEP_N_S_PER_M = 1.2e4  # of friction that does not yet slide: 2 mm/s under 24 N; a tenth of it changes the loading by less than 1e-4
+CREEP_DAMPING = 6.0
+NO_SPRING = 1e-9  # MuJoCo takes a pair of numbers as stiffness and damping where both are negative
+
+
+@dataclass(frozen=True)
+class MujocoStroke:
+    """`normal_N`, `tangential_N` (m,) summed over the link ends, `fz_N` (m,) at the mount, in the sensor's sign.
+
+    `speed_error` is how far the shaft was off its speed at the end, relative.
+    """
+
+    t_s: Floats
+    normal_N: Floats
+    tangential_N: Floats
+    fz_N: Floats
+    speed_error: float
+    steps: int
+
+
+def stroke_in_mujoco(
+    rig: RigModel, height_m: float, speed_rad_s: float, t_s: Floats, step_s: float = STEP_S, integrator: str = "RK4"
+) -> MujocoStroke:
+    """MuJoCo's mechanics under the believed ground, which is computed apart from the model's code and applied as outer forces.
+
+    `t_s` (m,) ascending; times up to 0 show the leg at rest, which must hang clear of the ground. Raises SimulationFailed, BadInput.
+    """
+    leg = mujoco_leg(rig, height_m, floor=False, integrator=integrator)
+    hang(leg, rig.leg.start_angle_rad)
+    contact = np.zeros((2, leg.model.nq))
+    with _pushed_by_ground(rig, height_m, leg, contact) as begin_step:
+
+        def steps(count: int) -> None:
+            for _ in range(count):
+                begin_step()
+                leg.mujoco.mj_step(leg.model, leg.data)
+
+        return _follow(rig, leg, speed_rad_s, t_s, step_s, steps, lambda: contact.sum(axis=1))
+
+
+def stroke_on_springs(
+    rig: RigModel, height_m: float, speed_rad_s: float, t_s: Floats, stiffness_N_per_m: float, step_s: float = STEP_S
+) -> MujocoStroke:
+    """The same with MuJoCo's own contact as undamped linear spring under each end, and its own friction.
+
+    Of the believed ground only the friction coefficient counts. Raises SimulationFailed, BadInput.
+    """
+    leg = leg_on_springs(rig, height_m, stiffness_N_per_m)
+    hang(leg, rig.leg.start_angle_rad)
+    one = np.zeros(6)
+
+    def contact() -> Floats:
+        total = np.zeros(2)
+        for i in range(leg.data.ncon):
+            leg.mujoco.mj_contactForce(leg.model, leg.data, i, one)
+            total += one[0], np.hypot(one[1], one[2])
+        return total
+
+    return _follow(rig, leg, speed_rad_s, t_s, step_s, lambda count: leg.mujoco.mj_step(leg.model, leg.data, count), contact)
+
+
+def leg_on_springs(rig: RigModel, height_m: float, stiffness_N_per_m: float) -> MujocoLeg:
+    """The leg over a floor whose soft constraints are bent into springs of physical stiffness.
+
+    MuJoCo: force = (reference - acceleration) / (A + R), R = w (1 - d) / d with impedance d. At d = 1e-4 R outweighs A ten thousand
+    times, and with reference = k w indentation the force is k indentation to 1e-4. Friction: R / impratio and damping alone,
+    hence a viscous slope of impratio * damping / w. (MuJoCo documentation, Computation, Constraint model.)
+    """
+    leg = mujoco_leg(rig, height_m, floor=True, integrator="implicitfast")
+    w = leg.model.body_invweight0[1:, 0]
+    leg.model.pair_solref[:, 0], leg.model.pair_solref[:, 1] = -stiffness_N_per_m * w, 0.0
+    leg.model.pair_solreffriction[:] = -NO_SPRING, -CREEP_DAMPING
+    leg.model.opt.impratio = CREEP_N_S_PER_M * w[-1] / CREEP_DAMPING
+    return leg
+
+
+@contextmanager
+def _pushed_by_ground(rig: RigModel, height_m: float, leg: MujocoLeg, contact: Floats) -> Iterator[Callable[[], None]]:
+    """Within, MuJoCo asks for the ground's push at every evaluation of its equations. Gives what to call before each step."""
+    data = leg.data
+    ends = Ends(data.site_xpos, data.xipos, data.subtree_com[1], data.cvel, data.qpos, data.xfrc_applied)
+    law = ground_law(rig, height_m)
+    anchor = data.site_xpos[:, 0] - law.radius * np.cumsum(data.qpos)
+    step_begins = True
+
+    def ask(*_: object) -> None:
+        nonlocal step_begins
+        push(law, ends, anchor, step_begins, contact)
+        step_begins = False
+
+    def begin() -> None:
+        nonlocal step_begins
+        step_begins = True
+
+    others = leg.mujoco.get_mjcb_passive()
+    leg.mujoco.set_mjcb_passive(ask)
+    try:
+        yield begin
+    finally:
+        leg.mujoco.set_mjcb_passive(others)
+
+
+def _follow(
+    rig: RigModel,
+    leg: MujocoLeg,
+    speed_rad_s: float,
+    t_s: Floats,
+    step_s: float,
+    steps: Callable[[int], None],
+    contact: Callable[[], Floats],
+) -> MujocoStroke:
+    """Steps from sample to sample, none longer than `step_s`, one ending with the ramp."""
+    rows, now_s, taken = np.empty((len(t_s), 3)), 0.0, 0
+    with _warnings_left_to_us(leg.mujoco):
+        for row, sample_s in zip(rows, t_s, strict=True):
+            for stop_s in (min(rig.drive.ramp_s, sample_s), sample_s):
+                if stop_s > now_s:
+                    ramping = stop_s <= rig.drive.ramp_s
+                    leg.data.qfrc_applied[0] = FLYWHEEL_KG_M2 * speed_rad_s / rig.drive.ramp_s if ramping else 0.0
+                    count = ceil((stop_s - now_s) / step_s - 1e-6)
+                    leg.model.opt.timestep = (stop_s - now_s) / count
+                    steps(count)
+                    now_s, taken = stop_s, taken + count
+            leg.mujoco.mj_forward(leg.model, leg.data)
+            leg.mujoco.mj_rnePostConstraint(leg.model, leg.data)
+            row[:2], row[2] = contact(), leg.data.cfrc_int[1, 5]
+            _must_be_sound(leg, sample_s, step_s)
+    return MujocoStroke(t_s, rows[:, 0], rows[:, 1], rows[:, 2], float(leg.data.qvel[0] / speed_rad_s - 1.0), taken)
+
+
+@contextmanager
+def _warnings_left_to_us(mujoco: Any) -> Iterator[None]:
+    """Within, MuJoCo counts its warnings, but neither prints them nor leaves a log file in the user's folder."""
+    others = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda *_: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(others)
+
+
+def _must_be_sound(leg: MujocoLeg, at_s: float, step_s: float) -> None:
+    bad = (leg.mujoco.mjtWarning.mjWARN_BADQPOS, leg.mujoco.mjtWarning.mjWARN_BADQVEL, leg.mujoco.mjtWarning.mjWARN_BADQACC)
+    if any(leg.data.warning[one].number for one in bad) or not np.isfinite(leg.data.qacc).all():
+        raise SimulationFailed(
+            f"MuJoCo lost the leg at {at_s:.3f} s with steps of {1e6 * step_s:g} us; look for a slipped decimal point in the leg or ground"
+        )

@@ -1,0 +1,201 @@
+"""What the leg would do with spring pieces of other materials and thicknesses: beside the paper's Table I.
+
+The fitted hinge stiffness k0 belongs to the CFSP of 0.8 mm and scales with E I; hardening k2, damping and the leg's mass stay (all
+strips together are 14 g of 320 g). The strain at the largest hinge angle of the stroke depends on the length over which the strip
+bends there, which nobody has measured. Two lengths bracket it: the distance from link middle to link middle, the kindest to the strip,
+and E I / k0, over which it must bend if the fitted k0 is its doing alone. A third figure needs no length: the moment at which the strips
+break, beside the largest torque of a hinge. What exceeds it, the strips cannot be carrying.
+"""
+
+from dataclasses import asdict, dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.prediction import predict_stroke
+from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.equivalent_stiffness import EncasedStrip, by_its_middle, centred_lay
+from rfca_rig.model.parameters import Leg, RigModel
+from rfca_rig.model.strip import Material, Strip, paper_strips, table_1_materials
+
+Floats = NDArray[np.float64]
+
+THICKNESSES_M = (0.8e-3, 0.3e-3)
+SWEEP_DEG = 200.0
+COLUMN_WIDTHS = (5, 5, 9, 9, 10, 10, 10, 10, 7, 8, 8, 16)
+FITTED = ("CFSP", 0.8e-3)
+
+
+@dataclass(frozen=True)
+class StrokeWith:
+    """The stroke with one strip: valley (or why there is none), largest angle and spring torque of any hinge, where computed."""
+
+    valley_fz_N: float | None
+    valley_time_s: float | None
+    no_valley: str | None
+    largest_angle_rad: float | None
+    largest_torque_Nm: float | None
+
+    def outcome(self) -> str:
+        """In words."""
+        found = self.valley_fz_N is not None and self.valley_time_s is not None
+        return f"{self.valley_time_s:.3f} s, {self.valley_fz_N:.2f} N" if found else f"no valley: {self.no_valley}"
+
+
+@dataclass(frozen=True)
+class Strain:
+    """The strip's surface at the stroke's largest hinge angle; shares are of the bending strength, above 1 the strip breaks.
+
+    `spread` is over the pitch of the links, `concentrated` over E I / k0, `share_torque` if the largest torque of a hinge is all bending
+    of the strip. `needed_length_m` is the bent length per hinge from which on the strength suffices.
+    """
+
+    strain_spread: float
+    stress_spread_Pa: float
+    share_spread: float
+    share_concentrated: float
+    share_torque: float
+    needed_length_m: float
+
+    def verdict(self) -> str:
+        """Whether the strip lives."""
+        shares = (self.share_spread, self.share_concentrated, self.share_torque)
+        if max(shares) <= 1.0:
+            return "holds"
+        if min(shares) > 1.0:
+            return "breaks"
+        lives = f"breaks where it bends over less than {1e3 * self.needed_length_m:.1f} mm"
+        return f"{lives}, cannot carry the hinge torque alone" if self.share_torque > 1.0 else lives
+
+
+@dataclass(frozen=True)
+class StripRow:
+    """One pair of strips. `hinge_Nm_per_rad` is the stiffness of an inner hinge by (8), `end_hinge_Nm_per_rad` that of the first and last;
+    `k0_Nm_per_rad` the fitted one, scaled. `strain` is None where the stroke could not be computed."""
+
+    material: Material
+    thickness_m: float
+    EI_Nm2: float
+    hinge_Nm_per_rad: float
+    end_hinge_Nm_per_rad: float
+    k0_Nm_per_rad: float
+    stroke: StrokeWith
+    strain: Strain | None
+
+    def verdict(self) -> str:
+        """Whether the strip lives, as far as known."""
+        return "strain not known" if self.strain is None else self.strain.verdict()
+
+
+@dataclass(frozen=True)
+class StripComparison:
+    """All rows, for one stroke."""
+
+    height_m: float
+    speed_rad_s: float
+    pitch_m: float
+    concentrated_m: float
+    rows: tuple[StripRow, ...]
+
+    def summary(self) -> dict[str, object]:
+        """Plain data, every name with its unit."""
+        return {**asdict(self), "rows": [{**asdict(row), "verdict": row.verdict()} for row in self.rows]}
+
+    def lines(self) -> list[str]:
+        """The table for a person."""
+        return [
+            f"two strips of 226 x 25.4 mm; stroke of {1e3 * self.height_m:g} mm, {self.speed_rad_s:g} rad/s, with k0 in proportion to EI",
+            f"strength used: bending over {1e3 * self.pitch_m:.1f} mm at each hinge / over {1e3 * self.concentrated_m:.1f} mm / by torque",
+            _heading("", "t", "density", "E", "strength", "EI", "K", "k0", "angle", "strain", "stress", "used"),
+            _heading("", "mm", "g/cm3", "GPa", "MPa", "N m2", "N m/rad", "N m/rad", "deg", "%", "MPa", "%") + "  valley; strip",
+            *(_line(row) for row in self.rows),
+        ]
+
+
+def compare_strips(rig: RigModel, height_m: float, speed_rad_s: float) -> StripComparison:
+    """The four materials of Table I at 0.8 and 0.3 mm, in the leg of `rig`, whose k0 is taken to be that of the 0.8 mm CFSP.
+
+    Raises BadInput where the strip does not fit the leg. A strip with which the model cannot be computed keeps its row and says so.
+    """
+    materials = {material.name: material for material in table_1_materials()}
+    fitted = paper_strips(materials[FITTED[0]], FITTED[1])
+    rows = tuple(_row(rig, paper_strips(m, t), fitted, height_m, speed_rad_s) for t, m in product(THICKNESSES_M, materials.values()))
+    return StripComparison(height_m, speed_rad_s, _pitch_m(rig.leg), fitted.bending_stiffness_Nm2 / rig.leg.k0_Nm_per_rad, rows)
+
+
+def _row(rig: RigModel, strip: Strip, fitted: Strip, height_m: float, speed_rad_s: float) -> StripRow:
+    EI = strip.bending_stiffness_Nm2
+    k0 = rig.leg.k0_Nm_per_rad * EI / fitted.bending_stiffness_Nm2
+    stiffness = _hinge_stiffness(rig.leg, strip)
+    stroke = _stroke(replace(rig, leg=replace(rig.leg, k0_Nm_per_rad=k0)), height_m, speed_rad_s)
+    angle, torque = stroke.largest_angle_rad, stroke.largest_torque_Nm
+    return StripRow(
+        material=strip.material,
+        thickness_m=strip.thickness_m,
+        EI_Nm2=EI,
+        hinge_Nm_per_rad=float(stiffness[1:-1].mean()),
+        end_hinge_Nm_per_rad=float(stiffness[0]),
+        k0_Nm_per_rad=k0,
+        stroke=stroke,
+        strain=None if angle is None or torque is None else _strain(strip, angle, torque, _pitch_m(rig.leg), EI / k0),
+    )
+
+
+def _strain(strip: Strip, angle_rad: float, torque_Nm: float, pitch_m: float, concentrated_m: float) -> Strain:
+    spread = angle_rad / pitch_m
+    limit = strip.breaking_curvature_per_m
+    return Strain(
+        strain_spread=strip.strain_at(spread),
+        stress_spread_Pa=strip.stress_at_Pa(spread),
+        share_spread=spread / limit,
+        share_concentrated=angle_rad / concentrated_m / limit,
+        share_torque=torque_Nm / strip.breaking_moment_Nm,
+        needed_length_m=angle_rad / limit,
+    )
+
+
+def _pitch_m(leg: Leg) -> float:
+    """From link middle to link middle, of the links between the end links."""
+    return float(np.mean(leg.link_lengths_m[1:-1]))
+
+
+def _hinge_stiffness(leg: Leg, strip: Strip) -> Floats:
+    lay = centred_lay(leg.link_lengths_m, strip.length_m)
+    encased = EncasedStrip(strip.bending_stiffness_Nm2, lay, by_its_middle(lay))
+    return encased.perturbed_stiffness(np.zeros(lay.pins_m.size))
+
+
+def _stroke(rig: RigModel, height_m: float, speed_rad_s: float) -> StrokeWith:
+    try:
+        stroke = predict_stroke(rig, height_m, speed_rad_s, SWEEP_DEG).stroke
+    except SimulationFailed as error:
+        return StrokeWith(None, None, str(error).split(";")[0], None, None)
+    angle = float(np.abs(np.diff(stroke.q_rad, axis=1)).max())
+    torque = rig.leg.k0_Nm_per_rad * (angle + rig.leg.k2_per_rad2 * angle**3)
+    if stroke.normal_N[0].any():
+        return StrokeWith(None, None, "the leg lies on the ground before it starts", angle, torque)
+    valley = find_valley(stroke.t_s, stroke.fz_N)
+    if isinstance(valley, Valley):
+        return StrokeWith(valley.fz_N, valley.time_s, None, angle, torque)
+    return StrokeWith(None, None, valley.reason, angle, torque)
+
+
+def _heading(*names: str) -> str:
+    return "".join(f"{name:>{width}}" for name, width in zip(names, COLUMN_WIDTHS, strict=True))
+
+
+def _line(row: StripRow) -> str:
+    m = row.material
+    table_1 = f"{m.density_kg_m3 / 1e3:9.2f}{m.youngs_modulus_Pa / 1e9:9.3f}{m.bending_strength_Pa / 1e6:10.0f}"
+    stiffness = f"{row.EI_Nm2:10.3g}{row.hinge_Nm_per_rad:10.3g}{row.k0_Nm_per_rad:10.3g}"
+    return f"{m.name:5}{1e3 * row.thickness_m:5.1f}{table_1}{stiffness}{_strain_columns(row)}  {row.stroke.outcome()}; {row.verdict()}"
+
+
+def _strain_columns(row: StripRow) -> str:
+    strain, angle = row.strain, row.stroke.largest_angle_rad
+    if strain is None or angle is None:
+        return f"{'-':>7}{'-':>8}{'-':>8}{'-':>16}"
+    used = f"{100 * strain.share_spread:.0f} / {100 * strain.share_concentrated:.0f} / {100 * strain.share_torque:.0f}"
+    return f"{np.degrees(angle):7.1f}{100 * strain.strain_spread:8.2f}{strain.stress_spread_Pa / 1e6:8.1f}{used:>16}"

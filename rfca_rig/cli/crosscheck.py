@@ -1,0 +1,75 @@
+"""rfca-rig crosscheck"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rfca_rig.cli.options import Json, Rig
+
+if TYPE_CHECKING:
+    from rfca_rig.analysis.crosscheck import CheckedCondition
+
+
+def crosscheck(
+    rig: Rig = "twin",
+    protocol: Annotated[
+        str, typer.Option("--protocol", metavar="NAME|FILE", help="A flapping protocol, for its heights and speeds.")
+    ] = "table2",
+    picture: Annotated[
+        Path | None, typer.Option("--picture", metavar="FILE", help="Draw both force curves and their difference: .svg, .png or .pdf.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Hold the model against MuJoCo, another group's multibody code, as the paper holds its model against RecurDyn.
+
+    Example: rfca-rig crosscheck --picture crosscheck.svg
+    """
+    from rfca_rig.analysis.crosscheck import check_condition, check_own_contact
+    from rfca_rig.analysis.mujoco_leg import load_mujoco
+    from rfca_rig.cli.places import find_file
+    from rfca_rig.description.protocol_file import read_dynamic
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.model.compiled import is_warm
+    from rfca_rig.report.crosscheck_picture import check_picture_path, write_crosscheck_picture
+
+    load_mujoco()
+    if picture is not None:
+        check_picture_path(picture)
+    model = read_rig(find_file("calibration", rig)).model()
+    plan = read_dynamic(find_file("protocols", protocol))
+    conditions = plan.flapping().conditions
+    if not is_warm() and not as_json:
+        typer.echo("compiling the model, once on this machine, about ten seconds ...", err=True)
+    same_ground = [check_condition(model, one, plan.sweep_deg) for one in conditions]
+    own_contact = [check_own_contact(model, one, plan.sweep_deg) for one in conditions]
+    if picture is not None:
+        write_crosscheck_picture(same_ground, picture)
+    _say(same_ground, own_contact, as_json)
+
+
+def _say(same_ground: "list[CheckedCondition]", own_contact: "list[CheckedCondition]", as_json: bool) -> None:
+    import json
+
+    from rfca_rig.analysis.crosscheck import PAPER_PCT, STIFFER, average_pct
+
+    if as_json:
+        answer = {
+            "average_contact_force_difference_pct": round(average_pct(same_ground), 5),
+            "paper_against_recurdyn_pct": PAPER_PCT,
+            "same_ground": [one.summary() for one in same_ground],
+            "own_contact_on_stiff_ground": [one.summary() for one in own_contact],
+        }
+        typer.echo(json.dumps(answer, indent=1))
+        return
+    typer.echo("contact force, difference from MuJoCo:   whole stroke   loading")
+    for one in same_ground:
+        typer.echo(f"  {one.label:<36} {_percent(one.stroke_pct)}  {_percent(one.loading_pct)}")
+    typer.echo(f"average {average_pct(same_ground):.3f} %; the paper's model and RecurDyn: {PAPER_PCT:g} %")
+    typer.echo(f"with MuJoCo's own contact, ground {STIFFER:g} times as stiff (touchdown and release depend on the law of contact):")
+    for one in own_contact:
+        typer.echo(f"  {one.label:<36} {_percent(one.stroke_pct)}  {_percent(one.loading_pct)}")
+
+
+def _percent(value: float | None) -> str:
+    return f"{'no valley':>10}" if value is None else f"{value:8.3f} %"

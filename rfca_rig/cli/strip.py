@@ -1,0 +1,35 @@
+"""rfca-rig strip"""
+
+from typing import Annotated
+
+import typer
+
+from rfca_rig.cli.options import Json, Rig
+
+
+def strip(
+    height: Annotated[float, typer.Option("--height", metavar="MM", min=1, max=1000, help="Height of the shaft [mm].")] = 215.0,
+    speed: Annotated[float, typer.Option("--speed", metavar="RAD/S", min=0.01, max=100, help="Speed of the shaft [rad/s].")] = 2.433,
+    rig: Rig = "twin",
+    as_json: Json = False,
+) -> None:
+    """Spring pieces of other materials and thicknesses: stiffness per hinge, valley of a stroke, strength used.
+
+    Example: rfca-rig strip
+    """
+    import json
+
+    from rfca_rig.analysis.strips import compare_strips
+    from rfca_rig.cli.places import find_file
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.model.compiled import is_warm
+
+    model = read_rig(find_file("calibration", rig)).model()
+    if not is_warm() and not as_json:
+        typer.echo("compiling the model, once on this machine, about ten seconds ...", err=True)
+    comparison = compare_strips(model, height / 1e3, speed)
+    if as_json:
+        typer.echo(json.dumps(comparison.summary(), indent=1))
+        return
+    for line in comparison.lines():
+        typer.echo(line)

@@ -1,0 +1,169 @@
+"""Contact as a constraint that comes and goes: section III.D, an optional cross-check of the compliant floor.
+
+While the tip touches, (15) holds it at the floor's level; the contact ends where lambda passes zero. Touching down is a plastic
+impact: one impulse takes the speed into the floor out of the leg.
+
+Range: the floor is rigid; only the tip touches (the run ends when another link end comes down); friction, where there is any, is that
+of a tip that slides one way (the run ends where it stops). Against the compliant floor this lacks the rattle after touchdown and
+the depth by which that floor yields: the two agree from some 40 ms after touchdown on, the better the stiffer the compliant floor.
+Angles are those of scipy's LSODA to a relative 1e-7.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.mixed_dynamics import PASSIVE, DrivenChain, KnownMotion
+from rfca_rig.model.newton_euler import link_chain_of
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.rigid_floor import RigidFloor
+from rfca_rig.model.statics import equilibrium_under_tip_force, tip_chain_of
+
+Floats = NDArray[np.float64]
+
+MOST_CHANGES = 400
+RTOL, ATOL = 1e-7, 1e-8
+
+
+class Ended(Enum):
+    """Why a run on the rigid floor is over."""
+
+    TIME = "the last sample was reached"
+    OTHER_END = "another link end came down to the floor"
+    SLIDING = "the tip stopped sliding"
+
+
+@dataclass(frozen=True)
+class ConstrainedStroke:
+    """Samples at `t_s` (m,) up to where the run ended: joint angles (m, n), lambda and the shaft's torque (m,), depth of the tip (m,).
+
+    `touchdowns_s` and `releases_s` are the moments where the constraint came and went.
+    """
+
+    t_s: Floats
+    phi: Floats
+    lambda_N: Floats
+    shaft_torque_Nm: Floats
+    tip_depth_m: Floats
+    touchdowns_s: tuple[float, ...]
+    releases_s: tuple[float, ...]
+    ended: Ended
+
+
+@dataclass(frozen=True)
+class _Contact:
+    """Whether the tip is down, and which way it slides (-1, 0, 1)."""
+
+    down: bool
+    sliding: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """The motion under one contact from `begin_s` on: samples `t_s` (m,), `x` (m, 2 free joints), and where and why it ended."""
+
+    contact: _Contact
+    begin_s: float
+    t_s: Floats
+    x: Floats
+    end_s: float
+    x_end: Floats
+    ended: Ended | None
+
+
+def stroke_on_rigid_floor(
+    rig: RigModel, height_m: float, shaft: KnownMotion, t_s: Floats, friction_coefficient: float = 0.0
+) -> ConstrainedStroke:
+    """The stroke from rest in the air at t = 0, the shaft `height_m` above a rigid floor and moving as told; `t_s` ascending from 0 on.
+
+    Of the rig it takes the leg; floor and friction are as given here. Raises BadInput where the leg
+    begins in the floor, SimulationFailed where the contact chatters.
+    """
+    hanging = equilibrium_under_tip_force(tip_chain_of(rig.leg), shaft.angle(0.0), np.zeros(2)).phi[1:]
+    system = DrivenChain(link_chain_of(rig.leg), (shaft, *[PASSIVE] * len(hanging)))
+    floor = RigidFloor(system, height_m, rig.leg.link_radius_m, friction_coefficient)
+    t, x, contact = 0.0, np.concatenate([hanging, np.zeros_like(hanging)]), _Contact(False)
+    if (deepest := floor.depths_at(t, x).max()) > 0.0:
+        raise BadInput(
+            f"with the shaft at {np.degrees(shaft.angle(0.0)):.1f} degrees and {1e3 * height_m:.1f} mm above the floor the leg begins "
+            f"{1e3 * deepest:.1f} mm deep in it; begin further up"
+        )
+    pieces: list[_Piece] = []
+    while len(pieces) < MOST_CHANGES:
+        pieces.append(_follow(floor, contact, t, x, t_s))
+        if pieces[-1].ended is not None:
+            return _joined(floor, pieces, pieces[-1].ended)
+        t, x, contact = _changed(floor, pieces[-1])
+    raise SimulationFailed(
+        f"the tip left the rigid floor {MOST_CHANGES // 2} times before {t:.4f} s; the constraint form cannot follow that, "
+        f"the compliant floor can"
+    )
+
+
+@dataclass
+class _Crossing:
+    """An event that ends a piece: `value` of (t, x) passes zero in `direction`. The names are scipy's."""
+
+    value: Callable[[float, Floats], float]
+    direction: float
+    terminal: bool = True
+
+    def __call__(self, t: float, x: Floats) -> float:
+        return self.value(t, x)
+
+
+def _follow(floor: RigidFloor, contact: _Contact, t: float, x: Floats, t_s: Floats) -> _Piece:
+    others = _Crossing(lambda t, x: floor.depths_at(t, x)[:-1].max(initial=-1.0), 1.0)
+    slides = _Crossing(lambda t, x: floor.slip(t, x) * contact.sliding if floor.mu > 0.0 and contact.down else 1.0, -1.0)
+    if contact.down:
+        change = _Crossing(lambda t, x: floor.touching(t, x, contact.sliding)[1], -1.0)
+    else:
+        change = _Crossing(lambda t, x: float(floor.depths_at(t, x)[-1]), 1.0)
+
+    def rate(t: float, x: Floats) -> Floats:
+        return floor.touching_rate(t, x, contact.sliding) if contact.down else floor.system.rate(t, x)
+
+    ahead = t_s[t_s >= t]
+    motion = solve_ivp(rate, (t, float(t_s[-1])), x, "LSODA", ahead, events=[change, others, slides], rtol=RTOL, atol=ATOL)
+    if not motion.success:
+        raise SimulationFailed(f"the leg on the rigid floor stopped after {t:.4f} s: {motion.message}")
+    for event, why in zip((0, 1, 2), (None, Ended.OTHER_END, Ended.SLIDING), strict=True):
+        if motion.t_events[event].size:
+            return _Piece(contact, t, motion.t, motion.y.T, float(motion.t_events[event][0]), motion.y_events[event][0], why)
+    return _Piece(contact, t, motion.t, motion.y.T, float(t_s[-1]), motion.y[:, -1], Ended.TIME)
+
+
+def _changed(floor: RigidFloor, piece: _Piece) -> tuple[float, Floats, _Contact]:
+    t, x = piece.end_s, piece.x_end
+    if piece.contact.down:
+        return t, x, _Contact(False)
+    sliding = float(np.sign(floor.slip(t, x)))
+    x = floor.after_impact(t, x, sliding)
+    return t, x, _Contact(floor.touching(t, x, sliding)[1] > 0.0, sliding)
+
+
+def _joined(floor: RigidFloor, pieces: list[_Piece], ended: Ended) -> ConstrainedStroke:
+    samples = [(t, x, piece.contact) for piece in pieces for t, x in zip(piece.t_s, piece.x.reshape(len(piece.t_s), -1), strict=True)]
+    forces = [_lambda_and_torque(floor, t, x, contact) for t, x, contact in samples]
+    return ConstrainedStroke(
+        t_s=np.array([t for t, _, _ in samples]),
+        phi=np.array([floor.system.place(t, x)[0] for t, x, _ in samples]),
+        lambda_N=np.array([normal for normal, _ in forces]),
+        shaft_torque_Nm=np.array([torque for _, torque in forces]),
+        tip_depth_m=np.array([floor.depths_at(t, x)[-1] for t, x, _ in samples]),
+        touchdowns_s=tuple(piece.begin_s for piece in pieces if piece.contact.down),
+        releases_s=tuple(piece.end_s for piece in pieces if piece.contact.down and piece.ended is None),
+        ended=ended,
+    )
+
+
+def _lambda_and_torque(floor: RigidFloor, t: float, x: Floats, contact: _Contact) -> tuple[float, float]:
+    if contact.down:
+        z, normal = floor.touching(t, x, contact.sliding)
+        return normal, float(z[0])
+    return 0.0, float(floor.system.balance(t, *floor.system.place(t, x)).tau_Nm[0])

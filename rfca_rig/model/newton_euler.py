@@ -1,0 +1,151 @@
+"""Newton-Euler recursion in modified Denavit-Hartenberg frames: section III.C, eqs. (11)-(13), to be read beside the paper.
+
+Frame {i} sits at joint i, its X along link i, its Z the axis of the joint; X_0 lies along the ground and Y_0 points down, so that
+angles count downwards as everywhere in this model. Vectors are columns of three, given in their own frame: w (omega), dw (its
+derivative), dv (acceleration of the frame's origin), dv_c (of the mass centre), f_i and n_i force and moment of link i-1 on link i.
+
+The print of (11)-(12) is mended in five places:
+    (11) line 1 sums hinge angles only; with phi_1 the shaft, as in (9), alpha_i = phi_1 + .. + phi_i.
+    (11) line 4 is the angular acceleration: its left side and the first and last phi have lost a dot (phi'' in the last term).
+    (11) line 6 is the acceleration of the origin: dv_i; its last P_i is P_i in frame {i-1}, [a_{i-1} 0 0].
+    (12) rotates with R_{i+1} from {i+1} into {i}. The force and moment that act on the link's end from outside are added here.
+    (12) last line: the joint's moment n.Z is what drive and spring give together, tau - K (phi - phi_0). So the drive's torque is
+         n.Z + K (phi - phi_0); the minus of the print would make every spring drive its hinge on.
+Hinge damping is added to the last line.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.model.hinge_springs import HingeSprings, springs_of
+from rfca_rig.model.parameters import GRAVITY_M_S2, Leg
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LinkChain:
+    """Links on joints, all (n,): `a` lengths [m], `m` masses [kg], `centre` from the joint to the mass centre [m] (a / 2 in the paper),
+    `inertia` about the mass centre and Z [kg m2], springs with rest angles `phi_0` [rad], `damping` of the joints [N m s/rad].
+    """
+
+    a: Floats
+    m: Floats
+    centre: Floats
+    inertia: Floats
+    springs: HingeSprings
+    phi_0: Floats
+    damping: Floats
+    gravity_m_s2: float = GRAVITY_M_S2
+
+
+@dataclass(frozen=True)
+class EndLoads:
+    """What acts on the ends of links from outside: `force_N` (2, n) along and down, `moment_Nm` (n,) about Z."""
+
+    force_N: Floats
+    moment_Nm: Floats
+
+
+def link_chain_of(leg: Leg) -> LinkChain:
+    """The leg as uniform rods; its driven joint has neither spring nor damping."""
+    a, m = np.array(leg.link_lengths_m), np.array(leg.link_masses_kg)
+    damping = np.full(a.size, leg.hinge_damping_Nm_s_per_rad)
+    damping[0] = 0.0
+    return LinkChain(a, m, a / 2.0, m * a**2 / 12.0, springs_of(leg), np.zeros(a.size), damping)
+
+
+def no_loads(links: int) -> EndLoads:
+    """Ends in the air."""
+    return EndLoads(np.zeros((2, links)), np.zeros(links))
+
+
+def joint_torques_Nm(chain: LinkChain, phi: Floats, dphi: Floats, ddphi: Floats, loads: EndLoads) -> Floats:
+    """Inverse dynamics, eqs. (11)-(12): what each joint's drive must give for this motion (n,).
+
+    `phi`, `dphi`, `ddphi` (n,) joint angles relative to the link before, their speeds and accelerations. A passive hinge would need 0.
+    """
+    moments = _joint_moments(chain, phi, dphi, ddphi[:, None], chain.gravity_m_s2, loads)[:, 0]
+    return np.asarray(moments + chain.springs.torque_Nm(phi - chain.phi_0) + chain.damping * dphi)
+
+
+def mass_matrix(chain: LinkChain, phi: Floats) -> Floats:
+    """A of (13), (n, n) [kg m2]: column j is what the joints must give for a unit acceleration of joint j, all at rest, no weight."""
+    rest = np.zeros_like(phi)
+    return _joint_moments(chain, phi, rest, np.eye(phi.size), 0.0, no_loads(phi.size))
+
+
+def right_side_Nm(chain: LinkChain, phi: Floats, dphi: Floats, tau: Floats, loads: EndLoads) -> Floats:
+    """b of (13), (n,): the torques `tau` (n,) of the drives less what the motion needs without acceleration."""
+    return np.asarray(tau - joint_torques_Nm(chain, phi, dphi, np.zeros_like(phi), loads))
+
+
+def joint_accelerations(chain: LinkChain, phi: Floats, dphi: Floats, tau: Floats, loads: EndLoads) -> Floats:
+    """Forward dynamics: z of A z = b (13) with all accelerations unknown (n,) [rad/s2]."""
+    return np.asarray(np.linalg.solve(mass_matrix(chain, phi), right_side_Nm(chain, phi, dphi, tau, loads)))
+
+
+Z = np.array([0.0, 0.0, 1.0])[:, None]
+
+
+def _joint_moments(chain: LinkChain, phi: Floats, dphi: Floats, ddphi: Floats, gravity_m_s2: float, loads: EndLoads) -> Floats:
+    """n_i . Z for the accelerations in each column of `ddphi` (n, m): (n, m). Vectors are (3, m), one column each."""
+    R = [_rotation(angle) for angle in phi]
+    motion = _outward(chain, R, dphi, ddphi, gravity_m_s2)
+    return _inward(chain, R, float(np.sum(phi)), motion, loads)
+
+
+def _rotation(phi: float) -> Floats:
+    """R_i, from frame {i} into {i-1}."""
+    sin, cos = np.sin(phi), np.cos(phi)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _outward(chain: LinkChain, R: list[Floats], dphi: Floats, ddphi: Floats, gravity_m_s2: float) -> list[tuple[Floats, Floats]]:
+    """Eq. (11) and the first two lines of (12): (F_i, N_i), force and moment that link i's own motion takes.
+
+    The weight enters as a base that accelerates upwards, against Y_0.
+    """
+    w, dw = np.zeros((3, ddphi.shape[1])), np.zeros((3, ddphi.shape[1]))
+    dv = np.zeros_like(w)
+    dv[1] = -gravity_m_s2
+    taken = []
+    for i, R_i in enumerate(R):
+        P_i = _along_link(chain.a[i - 1] if i > 0 else 0.0)
+        dv = R_i.T @ (dv + _cross(dw, P_i) + _cross(w, _cross(w, P_i)))
+        carried, spin = R_i.T @ w, dphi[i] * Z
+        dw = R_i.T @ dw + _cross(carried, spin) + ddphi[i] * Z
+        w = carried + spin
+        P_c = _along_link(chain.centre[i])
+        dv_c = dv + _cross(dw, P_c) + _cross(w, _cross(w, P_c))
+        I_w = chain.inertia[i] * w  # all rotation is about Z, so that only this entry of the inertia tensor works
+        taken.append((chain.m[i] * dv_c, chain.inertia[i] * dw + _cross(w, I_w)))
+    return taken
+
+
+def _inward(chain: LinkChain, R: list[Floats], alpha: float, motion: list[tuple[Floats, Floats]], loads: EndLoads) -> Floats:
+    """Eq. (12) from the tip to the base: n_i . Z of every joint (n, m). `alpha` is the absolute angle of the last link."""
+    f, n = np.zeros_like(motion[0][0]), np.zeros_like(motion[0][0])
+    moments = np.empty((len(R), f.shape[1]))
+    from_next = np.eye(3)
+    into_link = _rotation(alpha).T
+    for i in range(len(R) - 1, -1, -1):
+        F_i, N_i = motion[i]
+        at_end = from_next @ f - into_link @ np.array([[loads.force_N[0, i]], [loads.force_N[1, i]], [0.0]])
+        P_c, P_next = _along_link(chain.centre[i]), _along_link(chain.a[i])
+        n = N_i + from_next @ n - loads.moment_Nm[i] * Z + _cross(P_c, F_i) + _cross(P_next, at_end)
+        f = at_end + F_i
+        moments[i] = n[2]
+        from_next, into_link = R[i], R[i] @ into_link
+    return moments
+
+
+def _along_link(distance: float) -> Floats:
+    return np.array([[distance], [0.0], [0.0]])
+
+
+def _cross(u: Floats, v: Floats) -> Floats:
+    """u x v of columns of three; numpy's own wants them as rows and is ten times slower."""
+    return np.array([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])

@@ -1,0 +1,94 @@
+"""The static experiment: the leg on the ground, the shaft turned in stages and held, friction remembering the way.
+
+The ground is that of `contact`: Hertz under every link end, and an anchor spring of stiffness `grip` whose force is clipped at
+mu N, acting at the lowest point of the end's circle. At rest it has neither damping nor drag. The path is quasi-static: inertia
+enters only where no equilibrium continues it, for instance where a link end lifts off with a snap. How fast the shaft went between
+the stages then plays no part; at 1 rad/s it does (see `static_stages`).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.chain import Tolerance, advance, at_rest, chain_of, room_for
+from rfca_rig.model.forces import assemble
+from rfca_rig.model.held_contact import STEP_RAD, balance, turn_shaft
+from rfca_rig.model.integrator import FIRST_STEP_S, room_to_work
+from rfca_rig.model.motion import ShaftMotion
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.state import Chain, State
+from rfca_rig.model.static_state import StaticState, static_state
+
+Floats = NDArray[np.float64]
+
+JUMP_S = 0.05  # for the shaft's small step past the end of a path
+LOOK_S = 0.25  # how often a jumping leg is asked whether it rests
+LONGEST_JUMP_S = 20.0
+AT_REST_RAD_S = 1e-5
+
+
+def static_path(
+    rig: RigModel, height_m: float, shaft_angles_rad: Sequence[float] | Floats, begin_angle_rad: float | None = None
+) -> list[StaticState]:
+    """The states at `shaft_angles_rad`, gone through in this order, with the shaft `height_m` above the ground.
+
+    The path begins at rest at `begin_angle_rad` (the leg's start angle unless told), where the leg is best in the air: a leg
+    that already touches begins there without friction. Angles may turn back. Raises SimulationFailed where the leg finds no
+    rest, with the shaft angle.
+    """
+    chain = chain_of(rig, height_m)
+    state = at_rest(chain, rig.leg.start_angle_rad if begin_angle_rad is None else begin_angle_rad)
+    states = []
+    for angle in shaft_angles_rad:
+        jumped = _go_to(chain, state, float(angle))
+        states.append(_observed(rig, chain, state, jumped))
+    return states
+
+
+def _go_to(chain: Chain, state: State, angle: float) -> bool:
+    work, nothing = room_to_work(state.q.size), np.zeros(state.q.size)
+    jumped = False
+    while not turn_shaft(chain, state.q, state.anchor, angle, nothing, work):
+        _jump(chain, state, angle)
+        jumped = True
+    return jumped
+
+
+def _jump(chain: Chain, state: State, angle: float) -> None:
+    """Past the end of a path the leg moves: the dynamic model carries it to its next rest, the shaft one small step further."""
+    before = float(state.q[0])
+    after = before + float(np.clip(angle - before, -STEP_RAD, STEP_RAD))
+    speed = (after - before) / JUMP_S
+    breaks = np.array([0.0, JUMP_S, LONGEST_JUMP_S])
+    motion = ShaftMotion(breaks, np.array([[before, speed, 0.0, 0.0], [after, 0.0, 0.0, 0.0]]), breaks[:2])
+    moving = State(state.q, np.zeros_like(state.q), np.zeros_like(state.q), state.anchor)
+    _wait_for_rest(chain, motion, moving)
+    work, nothing = room_to_work(state.q.size), np.zeros(state.q.size)
+    if not balance(chain, state.q, state.anchor, after, nothing, work):
+        raise _no_rest(chain, after)
+    state.q[0] = after
+
+
+def _wait_for_rest(chain: Chain, motion: ShaftMotion, state: State) -> None:
+    nowhere, step_s, t = room_for(np.empty(0), state.q.size), FIRST_STEP_S, 0.0
+    while t < LONGEST_JUMP_S:
+        step_s = advance(chain, motion.shaft(), state, (t, t + LOOK_S), step_s, Tolerance(), nowhere).next_s
+        t += LOOK_S
+        if np.abs(state.w).max() < AT_REST_RAD_S:
+            return
+    raise _no_rest(chain, float(state.q[0]))
+
+
+def _no_rest(chain: Chain, angle: float) -> SimulationFailed:
+    return SimulationFailed(
+        f"the leg finds no rest with the shaft held at {np.degrees(angle):.2f} degrees, {1e3 * chain.ground_depth:.1f} mm above the "
+        f"ground, within {LONGEST_JUMP_S:g} s; give its hinges some damping, or smaller stages"
+    )
+
+
+def _observed(rig: RigModel, chain: Chain, state: State, jumped: bool) -> StaticState:
+    work, nothing = room_to_work(state.q.size), np.zeros(state.q.size)
+    assemble(chain, state.q, nothing, nothing, state.anchor, 0.0, 0.0, 0.0, work)
+    return static_state(rig, state.q.copy(), float(work.R[0]), work.contact[0].copy(), work.contact[1].copy(), jumped)

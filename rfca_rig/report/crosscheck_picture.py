@@ -1,0 +1,52 @@
+"""Contact force curves of the model and of MuJoCo, one condition beside the other, the difference below on a scale of its own."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rfca_rig.analysis.crosscheck import CheckedCondition
+from rfca_rig.errors import BadInput
+from rfca_rig.report.overlay import MEASURED, SIMULATED, STYLE
+
+COLUMN_IN, HEIGHT_IN = 3.3, 3.6
+FORMATS = (".svg", ".png", ".pdf")
+
+
+def write_crosscheck_picture(checked: Sequence[CheckedCondition], path: Path) -> None:
+    """Writes `path`, whose ending decides the format. Raises BadInput where it cannot."""
+    check_picture_path(path)
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update({**STYLE, "svg.hashsalt": "crosscheck", "svg.fonttype": "none"})
+        figure = Figure(figsize=(COLUMN_IN * len(checked), HEIGHT_IN), layout="constrained")
+        axes = figure.subplots(2, len(checked), squeeze=False, sharex="col", sharey="row", height_ratios=(2.2, 1.0))
+        for column, one in zip(axes.T, checked, strict=True):
+            _draw(column[0], column[1], one)
+        axes[0, 0].set_ylabel("contact force (N)")
+        axes[1, 0].set_ylabel("difference (N)")
+        axes[0, 0].legend(frameon=False, fontsize=8.2)
+        try:
+            figure.savefig(path, dpi=200, metadata={"Date": None} if path.suffix.lower() == ".svg" else None)
+        except OSError as error:
+            raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def check_picture_path(path: Path) -> None:
+    """BadInput where the ending names no format that can be drawn."""
+    if path.suffix.lower() not in FORMATS:
+        raise BadInput(f"{path}: a picture ends in {', '.join(FORMATS)}; give --picture crosscheck.svg")
+
+
+def _draw(force: Axes, difference: Axes, one: CheckedCondition) -> None:
+    t_s = one.ours.t_s
+    force.plot(t_s, one.contact_N, color=SIMULATED, lw=2.8, label="this model")
+    force.plot(t_s, one.theirs.normal_N, color=MEASURED, lw=0.7, label="MuJoCo")
+    force.set_title(f"{one.label}: {one.stroke_pct:.2g} %", fontsize=9.2)
+    difference.plot(t_s, one.contact_N - one.theirs.normal_N, color=MEASURED, lw=0.6)
+    difference.set_xlabel("time from the start of the motion (s)")
+    touching = t_s[(one.contact_N > 0.0) | (one.theirs.normal_N > 0.0)]
+    force.set_xlim(float(np.min(touching)) - 0.05, float(np.max(touching)) + 0.05)

@@ -1,0 +1,226 @@
+"""The chain at rest: under a force at its tip (9), back from its angles to the force (10), and held on the ground."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.static_stages import StageMoves, staged_motion, static_stages
+from rfca_rig.model.static_state import Touch
+from rfca_rig.model.statics import (
+    equilibrium_under_tip_force,
+    imbalance_Nm,
+    tangent_stiffness,
+    tip_chain_of,
+    tip_jacobian,
+    tip_place_m,
+)
+from rfca_rig.model.statics_contact import static_path
+from rfca_rig.model.svd_inverse import tip_force, tip_force_weighing_angles
+from tests.model.legs import NO_GROUND_M, PAPER, pendulum
+
+CHAIN = tip_chain_of(PAPER.leg)
+PUSH = np.array([8.0, -30.0])
+CREEPING = StageMoves(2e-3, 0.05)
+UP_AND_BACK = np.radians([60, 75, 90, 105, 120, 135, 133, 131, 134, 140])
+
+
+@pytest.fixture(scope="module")
+def path():
+    return static_path(PAPER, 0.215, UP_AND_BACK)
+
+
+def test_the_jacobian_is_how_the_tip_moves():
+    point, phi = replace(CHAIN, tip_radius_m=0.0), np.linspace(0.2, -0.3, 7)
+    for n, step in enumerate(1e-6 * np.eye(7)):
+        moved = (tip_place_m(point, phi + step) - tip_place_m(point, phi - step)) / 2e-6
+        assert tip_jacobian(point, phi)[:, n] == pytest.approx(moved, abs=1e-9)
+
+
+def test_the_tangent_stiffness_is_the_derivative_of_the_imbalance():
+    phi = np.linspace(1.0, -0.3, 7)
+    for n, step in enumerate(1e-6 * np.eye(7)):
+        change = (imbalance_Nm(CHAIN, phi + step, PUSH) - imbalance_Nm(CHAIN, phi - step, PUSH)) / 2e-6
+        assert tangent_stiffness(CHAIN, phi, PUSH)[:, n] == pytest.approx(change, abs=1e-7)
+
+
+def test_one_hinge_bends_until_its_spring_carries_weight_and_force():
+    rig = pendulum(2, 0.2, 0.3, k0=8.0)
+    found = equilibrium_under_tip_force(tip_chain_of(rig.leg), 0.4, np.array([3.0, -12.0]))
+
+    def moment(phi):
+        down, along = 0.3 * 9.81 * 0.1 - 12.0 * 0.2, -3.0 * 0.2
+        return down * np.cos(0.4 + phi) + along * np.sin(0.4 + phi) - 8.0 * phi
+
+    assert found.phi[1] == pytest.approx(brentq(moment, -1.5, 1.5), abs=1e-10)
+    assert found.stable
+
+
+def test_a_small_force_bends_two_hinges_as_linear_theory_has_it():
+    chain = replace(tip_chain_of(pendulum(3, 0.1, 0.1, k0=5.0).leg), gravity_m_s2=0.0)
+    found = equilibrium_under_tip_force(chain, 0.0, np.array([0.0, 1e-3]))
+    assert found.phi[1:] == pytest.approx([1e-3 * 0.2 / 5.0, 1e-3 * 0.1 / 5.0], rel=1e-6)
+    assert found.shaft_torque_Nm == pytest.approx(-1e-3 * 0.3, rel=1e-6)
+
+
+def test_every_hinge_carries_what_acts_beyond_it():
+    found = equilibrium_under_tip_force(CHAIN, 1.2, PUSH)
+    varphi, lengths, masses = np.cumsum(found.phi), np.array(PAPER.leg.link_lengths_m), np.array(PAPER.leg.link_masses_kg)
+    x, y = np.cumsum(lengths * np.cos(varphi)), np.cumsum(lengths * np.sin(varphi))
+    centre = x - 0.5 * lengths * np.cos(varphi)
+    for hinge in range(1, 7):
+        x0, y0 = x[hinge - 1], y[hinge - 1]
+        weight = (9.81 * masses[hinge:] * (centre[hinge:] - x0)).sum()
+        force = (x[-1] - x0) * PUSH[1] - (y[-1] + 0.003 - y0) * PUSH[0]
+        phi = found.phi[hinge]
+        assert 10.98 * (phi + 4.56 * phi**3) == pytest.approx(weight + force, abs=1e-9)
+
+
+def test_a_column_pushed_beyond_its_critical_load_is_not_called_stable():
+    rig = pendulum(2, 0.2, 0.3, k0=8.0)
+    chain = replace(tip_chain_of(rig.leg), gravity_m_s2=0.0)
+    critical = 8.0 / 0.2
+    assert equilibrium_under_tip_force(chain, 0.0, np.array([-0.99 * critical, 0.0])).stable
+    assert not equilibrium_under_tip_force(chain, 0.0, np.array([-1.01 * critical, 0.0])).stable
+
+
+def test_values_no_leg_has_are_refused_with_the_load_they_were_to_carry():
+    chain = tip_chain_of(replace(PAPER.leg, k0_Nm_per_rad=float("nan")))
+    with pytest.raises(SimulationFailed, match=r"no equilibrium found beyond 0.0 % of weight and tip force \(0.0 N along, -4.0 N down\)"):
+        equilibrium_under_tip_force(chain, 0.5, np.array([0.0, -4.0]))
+
+
+@pytest.mark.parametrize("estimator", [tip_force, tip_force_weighing_angles])
+def test_exact_angles_give_back_the_force(estimator):
+    phi = equilibrium_under_tip_force(CHAIN, 1.2, PUSH).phi
+    estimate = estimator(CHAIN, phi, 1e-3)
+    assert estimate.force_N == pytest.approx(PUSH, abs=1e-8)
+    assert np.abs(estimate.residual_Nm).max() < 1e-10
+    assert estimate.condition_number == pytest.approx(estimate.singular_values[0] / estimate.singular_values[1])
+
+
+@pytest.mark.parametrize("estimator", [tip_force, tip_force_weighing_angles])
+def test_the_standard_errors_are_the_scatter_of_noisy_photographs(estimator):
+    random, noise = np.random.default_rng(11), np.radians(0.05)
+    phi = equilibrium_under_tip_force(CHAIN, 1.2, PUSH).phi
+    photographs = [phi + noise * np.append(0.0, random.normal(size=6)) for _ in range(1500)]
+    forces = np.array([estimator(CHAIN, photograph, noise).force_N for photograph in photographs])
+    assert estimator(CHAIN, phi, noise).standard_errors_N == pytest.approx(forces.std(axis=0, ddof=1), rel=0.08)
+    scale = np.outer(forces.std(axis=0), forces.std(axis=0))
+    assert estimator(CHAIN, phi, noise).covariance_N2 / scale == pytest.approx(np.cov(forces.T) / scale, abs=0.08)
+
+
+def test_weighing_the_angles_never_costs_accuracy():
+    phi = equilibrium_under_tip_force(CHAIN, 1.2, PUSH).phi
+    plain, weighed = (estimator(CHAIN, phi, 1e-3).standard_errors_N for estimator in (tip_force, tip_force_weighing_angles))
+    assert (weighed <= plain * (1.0 + 1e-9)).all()
+
+
+def test_one_hinge_does_not_determine_a_force():
+    with pytest.raises(BadInput, match="1 hinge angles do not determine"):
+        tip_force(tip_chain_of(pendulum(2, k0=5.0).leg), np.array([0.3, 0.1]), 1e-3)
+
+
+def test_the_dynamic_model_moved_slowly_and_held_still_comes_to_the_same_states(path):
+    stages = static_stages(PAPER, 0.215, UP_AND_BACK, CREEPING)
+    for state, held in zip(path, stages, strict=True):
+        assert state.fy_N == pytest.approx(held.fy_N, abs=5e-3)
+        assert state.fz_N == pytest.approx(held.fz_N, abs=5e-3)
+        assert state.tx_Nm == pytest.approx(held.tx_Nm, abs=5e-4)
+        assert state.q_rad == pytest.approx(held.q_rad, abs=2e-5)
+
+
+def test_brisk_moves_leave_the_tip_inside_the_cone_of_friction(path):
+    brisk = static_stages(PAPER, 0.215, UP_AND_BACK[:6], StageMoves(1.0, 0.005))
+    for creeping, state in zip(path, brisk, strict=False):
+        assert state.touch[-1] is Touch.STUCK
+        assert state.tangential_N[-1] < creeping.tangential_N[-1] - 0.3
+
+
+def test_stages_end_where_they_are_told_and_take_the_time_they_need():
+    motion, read_s = staged_motion(0.2, [1.0, 1.0, 0.99, 0.5], StageMoves(0.5, 0.05, 2.0))
+    assert motion.angle_rad(read_s) == pytest.approx([1.0, 1.0, 0.99, 0.5])
+    assert np.diff(read_s, prepend=0.0) == pytest.approx([0.8 / 0.5 + 0.05 + 2.0, 2.0, 0.1 + 2.0, 0.49 / 0.5 + 0.05 + 2.0], abs=0.031)
+    t = np.linspace(0.0, read_s[-1], 20001)
+    assert np.abs(np.diff(motion.angle_rad(t)) / np.diff(t)).max() == pytest.approx(0.5, rel=1e-6)
+
+
+def test_stages_without_speed_are_bad_input():
+    with pytest.raises(BadInput, match=r"ramp_s 0\.05, hold_s 1: each must be above 0"):
+        StageMoves(0.0, 0.05)
+
+
+def test_forces_of_the_ground_and_springs_are_in_balance_at_every_hinge(path):
+    for state in path:
+        end = np.cumsum(np.array(PAPER.leg.link_lengths_m) * np.array([np.cos(state.q_rad), np.sin(state.q_rad)]), axis=1)
+        assert np.count_nonzero(state.normal_N[:-1]) == 0  # the tip alone touches, so that (10) holds with its force
+        force = np.array([state.tangential_N[-1], -state.normal_N[-1]])
+        phi = np.diff(state.q_rad, prepend=0.0)
+        assert imbalance_Nm(CHAIN, phi, force)[1:] == pytest.approx(0.0, abs=1e-8)
+        assert imbalance_Nm(CHAIN, phi, force)[0] == pytest.approx(state.shaft_torque_Nm, abs=1e-8)
+        assert state.normal_N[-1] == pytest.approx(1e5 * (end[1, -1] + 0.003 - 0.215) ** 1.5, rel=1e-9)
+
+
+def test_the_sensor_feels_ground_and_weight(path):
+    for state in path:
+        assert state.fz_N == pytest.approx(0.32 * 9.81 - state.normal_N.sum())
+        assert state.fy_N == pytest.approx(-state.tangential_N.sum())
+        assert state.tx_Nm == pytest.approx(state.shaft_torque_Nm + 0.045 * state.fy_N)
+
+
+def test_photographed_angles_on_the_ground_give_the_force_the_sensor_feels(path):
+    for state in path:
+        force = tip_force(CHAIN, np.diff(state.q_rad, prepend=0.0), 1e-3).force_N
+        assert force == pytest.approx([state.tangential_N[-1], -state.normal_N[-1]], abs=1e-6)
+
+
+def test_a_loading_tip_slides_at_the_limit_of_friction_and_sticks_when_turned_back(path):
+    touch = [state.touch[-1] for state in path]
+    assert touch == [Touch.SLIDING] * 6 + [Touch.STUCK] * 3 + [Touch.SLIDING]
+    for state in path[:6]:
+        assert state.tangential_N[-1] == pytest.approx(0.41 * state.normal_N[-1], rel=1e-9)
+    assert all(end is Touch.AIR for end in path[0].touch[:-1])
+
+
+def test_a_stuck_tip_comes_back_to_the_same_state_and_a_slid_one_does_not():
+    there = static_path(PAPER, 0.215, np.radians([120, 119.5, 119, 119.5]))
+    assert there[3].fz_N == pytest.approx(there[1].fz_N, abs=1e-7)
+    slid = static_path(PAPER, 0.215, np.radians([90, 120, 90]))
+    assert abs(slid[2].fy_N - slid[0].fy_N) > 1.0
+
+
+def test_the_state_does_not_depend_on_the_stages_in_between(path):
+    direct = static_path(PAPER, 0.215, [UP_AND_BACK[5]])[0]
+    assert direct.fz_N == pytest.approx(path[5].fz_N, abs=1e-6)
+    assert direct.fy_N == pytest.approx(path[5].fy_N, abs=1e-6)
+
+
+def test_a_leg_in_the_air_feels_its_weight_only():
+    state = static_path(PAPER, NO_GROUND_M, [1.0])[0]
+    assert (state.fy_N, state.fz_N) == pytest.approx((0.0, 0.32 * 9.81))
+    assert set(state.touch) == {Touch.AIR}
+
+
+def test_one_stiff_link_pressed_on_the_ground_obeys_the_lever():
+    """A single hinge: the moment of N and F about it is that of spring and weight, whatever the ground."""
+    rig = replace(pendulum(2, 0.2, 0.3, k0=40.0), ground=replace(PAPER.ground, friction_coefficient=0.3))
+    state = static_path(rig, 0.3, [1.0], begin_angle_rad=0.5)[0]
+    phi, q = state.hinge_angles_rad[0], state.q_rad[1]
+    N, F = state.normal_N[1], state.tangential_N[1]
+    assert N > 1.0
+    assert pytest.approx(F) == 0.3 * N
+    assert 40.0 * phi == pytest.approx(0.3 * 9.81 * 0.1 * np.cos(q) - 0.2 * (N * np.cos(q) + F * np.sin(q)), abs=1e-9)
+
+
+def test_past_the_end_of_a_path_the_leg_jumps_to_another_rest():
+    states = static_path(PAPER, 0.215, np.radians(np.arange(60, 260, 10)))
+    assert any(state.jumped for state in states)
+    assert states[-1].fz_N == pytest.approx(0.32 * 9.81)
+
+
+def test_a_leg_without_any_damping_that_jumps_finds_no_rest_and_says_where():
+    undamped = replace(PAPER, leg=replace(PAPER.leg, hinge_damping_Nm_s_per_rad=0.0), ground=replace(PAPER.ground, drag_N_s_per_m=0.0))
+    with pytest.raises(SimulationFailed, match=r"finds no rest with the shaft held at 16\d\.\d\d degrees, 215.0 mm above"):
+        static_path(undamped, 0.215, np.radians([170.0]))
