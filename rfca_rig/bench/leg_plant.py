@@ -6,9 +6,11 @@ from math import sin
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.model.chain import Tolerance, advance, at_rest, chain_of, room_for
+from rfca_rig.model.chain import HELD, Tolerance, advance, at_rest, room_for
+from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.state import Chain, Shaft, State
+from rfca_rig.model.setup import Setup, set_up
+from rfca_rig.model.state import Chain, Laws, Shaft, State
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
 
 Floats = NDArray[np.float64]
@@ -37,18 +39,27 @@ class LegPlant:
     _now_s: float = 0.0
     _step_s: float = 1e-4
     _airborne_s: float = 0.0
+    _setup: Setup = field(init=False)
     _chain: Chain = field(init=False)
+    _laws: Laws | None = field(init=False)
     _state: State = field(init=False)
     _torque_Nm: float = 0.0
 
     def __post_init__(self) -> None:
-        self._chain = chain_of(self.rig, self.height_m)
-        self._state = at_rest(self._chain, self.shaft_angle_rad)
+        self._stand(self.shaft_angle_rad)
+
+    def _stand(self, shaft_angle_rad: float) -> None:
+        """The leg hangs anew, at rest, at the present height."""
+        self._setup = set_up(self.rig, self.height_m, ramp_to_speed(shaft_angle_rad, 0.0, 1.0, 1.0))
+        self._chain = self._setup.chain()
+        self._laws = self._setup.compiled_laws(self._chain)
+        self._state = at_rest(self._chain, shaft_angle_rad, self._laws)
 
     def advance(self, to_s: float, drive: ShaftDrive, force_times_s: Floats) -> Floats:
         """Moves on to `to_s`; returns the wrench (m, 6) at `force_times_s`, out-of-plane components zero."""
-        samples = room_for(force_times_s, self._state.q.size)
-        cost = advance(self._chain, self._shaft(drive), self._state, (self._now_s, to_s), self._step_s, Tolerance(), samples)
+        samples = room_for(force_times_s, self._state.q.size, self._state.anchor.size)
+        span_s = (self._now_s, to_s)
+        cost = advance(self._chain, self._shaft(drive), self._state, span_s, self._step_s, Tolerance(), samples, self._laws)
         self._step_s = cost.next_s
         self._notice_touchdown(to_s - self._now_s)
         self._now_s = to_s
@@ -56,11 +67,7 @@ class LegPlant:
         return self._wrench(samples.force)
 
     def _shaft(self, drive: ShaftDrive) -> Shaft:
-        nothing = np.empty(0)
-        return Shaft(
-            breaks=nothing,
-            coefficient=np.empty((0, 4)),
-            landings=nothing,
+        return HELD._replace(
             free=True,
             rotor=self.rotor_inertia_kg_m2,
             feed=drive.feed_Nm,
@@ -95,7 +102,6 @@ class LegPlant:
         return ShaftState(float(self._state.q[0]), float(self._state.w[0]), self._torque_Nm)
 
     def set_height(self, height_m: float) -> None:
-        """Within the scatter of a hand on the lead screws; the leg hangs anew, at rest."""
+        """Within the scatter of a hand on the lead screws."""
         self.height_m = height_m + self.scatter.height_m * self.random.standard_normal()
-        self._chain = chain_of(self.rig, self.height_m)._replace(mu=self._chain.mu)
-        self._state = at_rest(self._chain, float(self._state.q[0]))
+        self._stand(float(self._state.q[0]))

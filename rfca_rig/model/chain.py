@@ -1,15 +1,17 @@
 """The leg as the compiled code wants it, and its rest pose."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.equilibrium import settle
+from rfca_rig.model.equilibrium import settle, settle_memory
 from rfca_rig.model.integrator import DONE, SHORTEST_STEP_S, integrate
+from rfca_rig.model.laws import LawUse, address_of, address_of_advance
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
-from rfca_rig.model.state import Chain, Samples, Shaft, State
+from rfca_rig.model.state import Chain, Laws, Samples, Shaft, State
 
 Floats = NDArray[np.float64]
 
@@ -47,43 +49,84 @@ def chain_of(rig: RigModel, height_m: float) -> Chain:
         moment=np.einsum("k,ki,kj->ij", mass, reach, reach) + np.diag(mass * length**2 / 12.0),
         radius=leg.link_radius_m,
         gravity=GRAVITY_M_S2,
+        gravity_along=0.0,
         total_mass=float(mass.sum()),
         ground_depth=height_m,
+        floor_cos=1.0,
+        floor_sin=0.0,
         contact_stiffness=ground.stiffness_N_per_m1p5,
         contact_damping=ground.damping_s_per_m,
         mu=ground.friction_coefficient,
         grip=ground.grip_N_per_m,
         drag=ground.drag_N_s_per_m,
+        frame_mass=0.0,
+        frame_stiffness=0.0,
+        frame_damping=0.0,
     )
 
 
-def at_rest(chain: Chain, shaft_angle_rad: float) -> State:
-    """The chain hanging under its weight with the shaft held; without friction where an end touches the ground."""
-    q = np.full(chain.length.size, shaft_angle_rad)
-    if not settle(chain._replace(mu=0.0, grip=0.0, drag=0.0), q, 1e-12):
+def laws_of(uses: Sequence[LawUse]) -> Laws:
+    """The laws of effects as arrays; compiles each once per process."""
+    parameter = np.zeros((len(uses), 8))
+    for row, use in zip(parameter, uses, strict=True):
+        row[: len(use.parameters)] = use.parameters
+    return Laws(
+        address=np.array([address_of(use.law, use.place) for use in uses], dtype=np.int64),
+        advance=np.array([address_of_advance(use.advance) if use.advance else 0 for use in uses], dtype=np.int64),
+        place=np.array([use.place for use in uses], dtype=np.int64),
+        only=np.array([use.only for use in uses], dtype=np.int64),
+        parameter=parameter,
+    )
+
+
+NOTHING = np.empty(0)
+HELD = Shaft(NOTHING, np.empty((0, 4)), NOTHING, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def at_rest(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaft: Shaft = HELD) -> State:
+    """The chain hanging under its weight, its shaft held or on the spring of a soft drive; without friction on the ground."""
+    links = chain.length.size
+    coordinates = links + (chain.frame_mass > 0.0)
+    state = State(
+        q=np.full(coordinates, shaft_angle_rad),
+        w=np.zeros(coordinates),
+        a=np.zeros(coordinates),
+        anchor=np.zeros(links),
+        memory=np.zeros((0 if laws is None else laws.place.size, links, 4)),
+    )
+    state.q[links:] = 0.0
+    smooth = chain._replace(mu=0.0, grip=0.0, drag=0.0)
+    if not settle(smooth, laws, shaft, state, 1e-12):
         raise SimulationFailed(
             f"no rest pose found with the shaft at {np.degrees(shaft_angle_rad):.1f} degrees and "
             f"{1e3 * chain.ground_depth:.1f} mm above the ground; is the rack height right?"
         )
-    anchor = np.cumsum(chain.length * np.cos(q)) - chain.radius * q
-    return State(q, np.zeros_like(q), np.zeros_like(q), anchor)
+    settle_memory(chain, laws, state)
+    return state
 
 
-def room_for(t_s: Floats, links: int) -> Samples:
+def room_for(t_s: Floats, coordinates: int, links: int | None = None) -> Samples:
     """Empty samples at the times `t_s`."""
     m = len(t_s)
-    return Samples(t_s, np.empty((m, links)), np.empty((m, links)), np.empty((m, 3)), np.empty((m, 2, links)))
+    return Samples(t_s, np.empty((m, coordinates)), np.empty((m, coordinates)), np.empty((m, 3)), np.empty((m, 2, links or coordinates)))
 
 
 def advance(
-    chain: Chain, shaft: Shaft, state: State, span_s: tuple[float, float], step_s: float, tolerance: Tolerance, samples: Samples
+    chain: Chain,
+    shaft: Shaft,
+    state: State,
+    span_s: tuple[float, float],
+    step_s: float,
+    tolerance: Tolerance,
+    samples: Samples,
+    laws: Laws | None = None,
 ) -> Steps:
     """Carries `state` over `span_s` in place and fills `samples`, whose times lie in it, its start excluded.
 
     Raises SimulationFailed, with the moment, where no step converges.
     """
     bounds = np.array([tolerance.angle_rad, tolerance.speed_rad_s])
-    status, next_s, accepted, rejected = integrate(chain, shaft, state, span_s[0], span_s[1], step_s, LONGEST_STEP_S, bounds, samples)
+    status, next_s, accepted, rejected = integrate(chain, laws, shaft, state, span_s[0], span_s[1], step_s, LONGEST_STEP_S, bounds, samples)
     if status != DONE:
         raise SimulationFailed(
             f"the model stopped after {accepted} steps between {span_s[0]:.3f} s and {span_s[1]:.3f} s, {1e3 * chain.ground_depth:.1f} mm "

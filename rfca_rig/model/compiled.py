@@ -1,7 +1,7 @@
 """Compiles a function, and keeps the result on disk for the next process.
 
 The compiler's own cache notices an edit only in the file of the function itself, not in the files it calls. Here the cache
-folder is named after the content of the whole room, so an edited or upgraded package never runs stale machine code.
+folder is named after the content of all compiled files of this room, so an edited or upgraded package never runs stale code.
 """
 
 import hashlib
@@ -21,7 +21,9 @@ def cache_folder() -> str:
     """Where compiled code of this very source is kept; NUMBA_CACHE_DIR decides the parent where it is set."""
     content = hashlib.sha256()
     for source in sorted(Path(__file__).parent.glob("*.py")):
-        content.update(source.read_bytes())
+        text = source.read_bytes()
+        if b"@compiled" in text or source.name == "state.py":
+            content.update(text)
     parent = os.environ.get("NUMBA_CACHE_DIR") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rfca-rig"
     return str(Path(parent) / f"compiled-{content.hexdigest()[:16]}")
 

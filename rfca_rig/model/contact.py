@@ -2,80 +2,161 @@
 
 import numpy as np
 
+from rfca_rig.model.call import call_law
 from rfca_rig.model.compiled import compiled
-from rfca_rig.model.state import Chain, Floats, Work
+from rfca_rig.model.laws import NORMAL, SLIP
+from rfca_rig.model.state import Chain, Floats, Laws, State, Work
+
+Normal = tuple[float, float, float]
+Tangential = tuple[float, float, float, float]
 
 
 @compiled
-def normal_force(chain: Chain, depth: float, rate: float) -> tuple[float, float, float]:
-    """Hertz with damping while approaching, eq. (17): (N, dN/d depth, dN/d rate) for a circle `depth` deep, sinking at `rate`."""
-    if depth <= 0.0:
-        return 0.0, 0.0, 0.0
+def normal_force(stiffness: float, damping: float, depth: float, rate: float) -> tuple[float, float, float]:
+    """Hertz with damping while approaching, eq. (17): (N, dN/d depth, dN/d rate)."""
     root = np.sqrt(depth)
-    hertz = chain.contact_stiffness * depth * root
+    N, N_depth = stiffness * depth * root, 1.5 * stiffness * root
     if rate <= 0.0:
-        return hertz, 1.5 * chain.contact_stiffness * root, 0.0
-    grow = 1.0 + chain.contact_damping * rate
-    return hertz * grow, 1.5 * chain.contact_stiffness * root * grow, hertz * chain.contact_damping
+        return N, N_depth, 0.0
+    grow = 1.0 + damping * rate
+    return N * grow, N_depth * grow, N * damping
 
 
 @compiled
-def tangential_force(chain: Chain, stretch: float, slip: float, normal: float) -> tuple[float, float, float, float]:
+def added_normal_force(laws: Laws, depth: float, rate: float, work: Work) -> tuple[float, float, float]:
+    """What effects add to it."""
+    x, out = work.x, work.out
+    N = N_depth = N_rate = 0.0
+    for m in range(laws.place.size):
+        if laws.place[m] == NORMAL:
+            x[0], x[1] = depth, rate
+            call_law(laws.address[m], x, x, laws.parameter[m], out)
+            N, N_depth, N_rate = N + out[0], N_depth + out[1], N_rate + out[2]
+    return N, N_depth, N_rate
+
+
+@compiled
+def friction_factor(laws: Laws, slip: float, work: Work) -> tuple[float, float]:
+    """By what effects multiply the friction coefficient at a sliding speed, and its derivative."""
+    x, out = work.x, work.out
+    factor, factor_v = 1.0, 0.0
+    for m in range(laws.place.size):
+        if laws.place[m] == SLIP:
+            x[0] = slip
+            call_law(laws.address[m], x, x, laws.parameter[m], out)
+            factor, factor_v = factor * out[0], factor_v * out[0] + factor * out[1]
+    return factor, factor_v
+
+
+@compiled
+def tangential_force(
+    grip: float, drag: float, mu: float, mu_v: float, stretch: float, slip: float, normal: float
+) -> tuple[float, float, float, float]:
     """Coulomb friction with stick as a state, eqs. (18)-(19): (F, dF/d stretch, dF/d slip, dF/dN).
 
     The lowest point is tied to an anchor by a stiff spring; beyond mu N the anchor is dragged along. A leg at rest keeps its
-    force for ever, which a law in the sliding speed alone would let creep to zero. `drag` acts beside it, stuck or not.
+    force for ever, which a law in the sliding speed alone would let creep to zero. `drag` acts beside it, stuck or not. Where
+    an end is pulled down (N < 0, adhesion) friction has the magnitude of N.
     """
-    spring, limit, drag = -chain.grip * stretch, chain.mu * normal, chain.drag
+    spring, pressed, sign = -grip * stretch, abs(normal), 1.0 if normal >= 0.0 else -1.0
+    limit = mu * pressed
     if spring > limit:
-        return limit - drag * slip, 0.0, -drag, chain.mu
+        return limit - drag * slip, 0.0, mu_v * pressed - drag, sign * mu
     if spring < -limit:
-        return -limit - drag * slip, 0.0, -drag, -chain.mu
-    return spring - drag * slip, -chain.grip, -drag, 0.0
+        return -limit - drag * slip, 0.0, -mu_v * pressed - drag, -sign * mu
+    return spring - drag * slip, -grip, -drag, 0.0
 
 
 @compiled
-def add_contacts(chain: Chain, q: Floats, w: Floats, anchor: Floats, cw: float, cq: float, work: Work) -> None:
-    """Ground forces at every link end, also into `work.contact` (2, n) = N, F."""
-    y = depth = sink = slide = 0.0
-    for k in range(q.size):
-        down, along = chain.length[k] * work.cos[k], -chain.length[k] * work.sin[k]
-        y += down  # l cos q is the run along y, and also dD/dq
+def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) -> None:
+    """Of every link end its depth in the floor, the depth's rate, the stretch from its anchor, and its slip, into `work.place`."""
+    place, links = work.place, chain.length.size
+    y = slide = depth = sink = 0.0
+    if q.size > links:
+        y, depth = q[links] * chain.floor_sin, q[links] * chain.floor_cos
+        slide, sink = w[links] * chain.floor_sin, w[links] * chain.floor_cos
+    for k in range(links):
+        down, along = work.down[k], work.along[k]
+        y += down  # the run along the floor is also the rate at which the end sinks with the angle
         depth -= along
         sink += down * w[k]
         slide += along * w[k]
-        if depth + chain.radius <= chain.ground_depth:
-            work.contact[0, k] = work.contact[1, k] = 0.0
-        else:
-            stretch = y - chain.radius * q[k] - anchor[k]
-            place = (depth + chain.radius - chain.ground_depth, sink, stretch, slide - chain.radius * w[k])
-            add_contact(chain, k, place, w, cw, cq, work)
+        place[k, 0], place[k, 1] = depth + chain.radius - chain.ground_depth * chain.floor_cos, sink
+        place[k, 2], place[k, 3] = y - chain.radius * q[k] - state.anchor[k], slide - chain.radius * w[k]
 
 
 @compiled
-def add_contact(chain: Chain, k: int, place: tuple[float, float, float, float], w: Floats, cw: float, cq: float, work: Work) -> None:
-    """The contact at the end of link k; `place` = depth, its rate, stretch from the anchor, slip. Work of F: F (dY_k - r dq_k)."""
-    N, N_delta, N_rate = normal_force(chain, place[0], place[1])
-    F, F_s, F_v, F_N = tangential_force(chain, place[2], place[3], N)
-    work.contact[0, k], work.contact[1, k] = N, F
-    R, J = work.R, work.J
+def add_contacts(chain: Chain, w: Floats, cw: float, cq: float, work: Work) -> None:
+    """Ground forces at the located ends, also into `work.contact` (2, n) = N, F; for a chain without effects in its ground."""
+    place, contact, limit = work.place, work.contact, work.limit
+    for k in range(place.shape[0]):
+        contact[0, k] = contact[1, k] = limit[k] = 0.0
+        if place[k, 0] > 0.0:
+            normal = normal_force(chain.contact_stiffness, chain.contact_damping, place[k, 0], place[k, 1])
+            tangential = tangential_force(chain.grip, chain.drag, chain.mu, 0.0, place[k, 2], place[k, 3], normal[0])
+            contact[0, k], contact[1, k], limit[k] = normal[0], tangential[0], chain.mu * normal[0]
+            add_contact(chain, k, normal, tangential, w, cw, cq, work)
+
+
+@compiled
+def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, cw: float, cq: float, work: Work) -> None:
+    """The same with laws of effects, and with a frame that yields. Kept apart, as the branches would slow the plain chain."""
+    place, contact, limit = work.place, work.contact, work.limit
+    for k in range(place.shape[0]):
+        contact[0, k] = contact[1, k] = limit[k] = 0.0
+        if place[k, 0] > 0.0:
+            plain = normal_force(chain.contact_stiffness, chain.contact_damping, place[k, 0], place[k, 1])
+            more = added_normal_force(laws, place[k, 0], place[k, 1], work)
+            normal = (plain[0] + more[0], plain[1] + more[1], plain[2] + more[2])
+            factor, factor_v = friction_factor(laws, place[k, 3], work)
+            mu, mu_v = chain.mu * factor, chain.mu * factor_v
+            tangential = tangential_force(chain.grip, chain.drag, mu, mu_v, place[k, 2], place[k, 3], normal[0])
+            contact[0, k], contact[1, k], limit[k] = normal[0], tangential[0], mu * abs(normal[0])
+            add_contact(chain, k, normal, tangential, w, cw, cq, work)
+            if w.size > place.shape[0]:
+                add_frame_contact(chain, k, normal, tangential, w, cw, cq, work)
+
+
+@compiled
+def add_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w: Floats, cw: float, cq: float, work: Work) -> None:
+    """The contact at the end of link k, with its forces and their derivatives. Work of F: F (dY_k - r dq_k)."""
+    N, N_delta, N_rate = normal
+    F, F_s, F_v, F_N = tangential
+    R, J, down, along, r = work.R, work.J, work.down, work.along, chain.radius
     for j in range(k + 1):
-        down, along = chain.length[j] * work.cos[j], -chain.length[j] * work.sin[j]
-        along_j = along - (chain.radius if j == k else 0.0)
-        dN = cq * (N_delta * down + N_rate * along * w[j]) + cw * N_rate * down
-        dF = cq * (F_s * along_j - F_v * down * w[j]) + cw * F_v * along_j + F_N * dN
-        R[j] += N * down - F * along_j
-        J[j, j] += cq * (N * along + F * down)
+        along_j = along[j] - (r if j == k else 0.0)
+        dN = cq * (N_delta * down[j] + N_rate * along[j] * w[j]) + cw * N_rate * down[j]
+        dF = cq * (F_s * along_j - F_v * down[j] * w[j]) + cw * F_v * along_j + F_N * dN
+        R[j] += N * down[j] - F * along_j
+        J[j, j] += cq * (N * along[j] + F * down[j])
         for i in range(k + 1):
-            J[i, j] += dN * chain.length[i] * work.cos[i] + dF * chain.length[i] * work.sin[i]
-        J[k, j] += dF * chain.radius
+            J[i, j] += dN * down[i] - dF * (along[i] - (r if i == k else 0.0))
 
 
 @compiled
-def drag_anchors(chain: Chain, q: Floats, anchor: Floats, contact: Floats) -> None:
-    """After a step: the anchors of slipping ends follow, those of ends in the air wait right below them."""
-    y = 0.0
-    for k in range(q.size):
-        y += chain.length[k] * np.cos(q[k])
-        s, reach = y - chain.radius * q[k], chain.mu * contact[0, k] / chain.grip
-        anchor[k] = min(max(anchor[k], s - reach), s + reach)
+def add_frame_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w: Floats, cw: float, cq: float, work: Work) -> None:
+    """What the contact at the end of link k does to a frame that sinks: that moves every end down with it."""
+    R, J, b, cos, sin = work.R, work.J, w.size - 1, chain.floor_cos, chain.floor_sin
+    N, N_delta, N_rate = normal
+    F, F_s, F_v, F_N = tangential
+    R[b] += N * cos - F * sin
+    dN = (cq * N_delta + cw * N_rate) * cos
+    dF = (cq * F_s + cw * F_v) * sin + F_N * dN
+    J[b, b] += dN * cos - dF * sin
+    for j in range(k + 1):
+        rolled = chain.radius if j == k else 0.0
+        along_j = work.along[j] - rolled
+        J[j, b] += dN * work.down[j] - dF * along_j
+        dN_j = cq * (N_delta * work.down[j] + N_rate * work.along[j] * w[j]) + cw * N_rate * work.down[j]
+        dF_j = cq * (F_s * along_j - F_v * work.down[j] * w[j]) + cw * F_v * along_j + F_N * dN_j
+        J[b, j] += dN_j * cos - dF_j * sin
+
+
+@compiled
+def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
+    """After a step, `work` assembled at its end: anchors of slipping ends follow, those of ends in the air wait right below them."""
+    y = q[chain.length.size] * chain.floor_sin if q.size > chain.length.size else 0.0
+    for k in range(chain.length.size):
+        y += work.down[k]
+        s, reach = y - chain.radius * q[k], work.limit[k] / chain.grip
+        state.anchor[k] = min(max(state.anchor[k], s - reach), s + reach)

@@ -3,28 +3,34 @@
 import numpy as np
 
 from rfca_rig.model.compiled import compiled
+from rfca_rig.model.contact import drag_anchors
 from rfca_rig.model.forces import assemble
-from rfca_rig.model.integrator import room_to_work
+from rfca_rig.model.integrator import remember, room_to_work
 from rfca_rig.model.linear import solve
-from rfca_rig.model.state import Chain, Floats
+from rfca_rig.model.state import Chain, Laws, Shaft, State
 
 NEWTON_LIMIT = 200
+LONG_S = 1e9  # at rest everything has relaxed
 LONGEST_TURN_RAD = 0.1  # per iteration, so that a leg far from rest does not jump through the ground
 
 
 @compiled
-def settle(chain: Chain, q: Floats, tolerance: float) -> bool:
-    """Turns q (n,) into the equilibrium with the shaft held at q[0], by damped Newton; True when found.
+def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, tolerance: float) -> bool:
+    """Turns state.q into the equilibrium with the shaft held at q[0], or free on its spring, by damped Newton; True when found.
 
     `chain` is to be without friction: what a stuck end carries depends on how it got there, which a rest pose does not know.
     """
-    n = q.size
-    work, zero = room_to_work(n), np.zeros(n)
+    q = state.q
+    work, zero = room_to_work(q.size, state.anchor.size), np.zeros(q.size)
     for _ in range(NEWTON_LIMIT):
-        assemble(chain, q, zero, zero, zero, 0.0, 0.0, 1.0, work)
-        work.R[0] = 0.0
-        work.J[0, :] = 0.0
-        work.J[0, 0] = 1.0
+        assemble(chain, laws, state, LONG_S, q, zero, zero, 0.0, 0.0, 1.0, work)
+        if shaft.free:
+            work.R[0] -= shaft.feed + shaft.k_angle * (shaft.angle - q[0])
+            work.J[0, 0] += shaft.k_angle
+        else:
+            work.R[0] = 0.0
+            work.J[0, :] = 0.0
+            work.J[0, 0] = 1.0
         if not solve(work.J, work.R):
             return False
         change = np.max(np.abs(work.R))
@@ -32,3 +38,14 @@ def settle(chain: Chain, q: Floats, tolerance: float) -> bool:
         if change < tolerance:
             return True
     return False
+
+
+@compiled
+def settle_memory(chain: Chain, laws: Laws | None, state: State) -> None:
+    """Lets the laws remember the rest pose, and ties the ends to the ground right below them."""
+    work = room_to_work(state.q.size, state.anchor.size)
+    assemble(chain, laws, state, LONG_S, state.q, state.w, state.a, 0.0, 0.0, 0.0, work)
+    work.q[:] = state.q
+    remember(chain, laws, state, LONG_S, work)
+    work.limit[:] = 0.0
+    drag_anchors(chain, state, state.q, work)

@@ -2,16 +2,18 @@
 
 import numpy as np
 
+from rfca_rig.model.call import call_law
 from rfca_rig.model.compiled import compiled
-from rfca_rig.model.contact import add_contacts
-from rfca_rig.model.state import Chain, Floats, Work
+from rfca_rig.model.contact import add_contacts, add_contacts_with_effects, locate_ends
+from rfca_rig.model.laws import HINGE, LINK
+from rfca_rig.model.state import Chain, Floats, Laws, State, Work
 
 
 @compiled
 def add_inertia(chain: Chain, w: Floats, a: Floats, ca: float, cw: float, cq: float, work: Work) -> None:
     """M a + h: M_ij = c_ij cos(q_i - q_j), h_i = sum_j c_ij sin(q_i - q_j) w_j^2."""
     R, J, sin, cos, moment = work.R, work.J, work.sin, work.cos, chain.moment
-    for i in range(w.size):
+    for i in range(moment.shape[0]):
         R[i] += moment[i, i] * a[i]
         J[i, i] += ca * moment[i, i]
         for j in range(i):
@@ -28,44 +30,163 @@ def add_inertia(chain: Chain, w: Floats, a: Floats, ca: float, cw: float, cq: fl
 
 
 @compiled
+def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, ca: float, cw: float, cq: float, work: Work) -> None:
+    """A frame that sinks by q_b on a spring, b behind the last link, if there is one; q_b = 0 where it carries the leg at rest."""
+    R, J, b = work.R, work.J, chain.length.size
+    if q.size == b:
+        return
+    mass = chain.frame_mass + chain.total_mass
+    R[b] += mass * a[b] + chain.frame_damping * w[b] + chain.frame_stiffness * q[b]
+    J[b, b] += ca * mass + cw * chain.frame_damping + cq * chain.frame_stiffness
+    for i in range(b):
+        S, sin, cos = chain.first_moment[i], work.sin[i], work.cos[i]
+        R[b] += S * (cos * a[i] - sin * w[i] * w[i])
+        R[i] += S * cos * a[b]
+        J[b, i] += ca * S * cos - cw * 2.0 * S * sin * w[i] - cq * S * (sin * a[i] + cos * w[i] * w[i])
+        J[i, b] += ca * S * cos
+        J[i, i] -= cq * S * sin * a[b]
+
+
+@compiled
 def add_weight_and_hinges(chain: Chain, q: Floats, w: Floats, cw: float, cq: float, work: Work) -> None:
     """Weight of the links, and in each hinge k0 phi + k0 k2 phi^3 + c dphi/dt."""
     R, J = work.R, work.J
-    for i in range(q.size):
-        weight = chain.gravity * chain.first_moment[i]
-        R[i] -= weight * work.cos[i]
-        J[i, i] += cq * weight * work.sin[i]
-    for i in range(1, q.size):
+    for i in range(chain.length.size):
+        weight, aside = chain.gravity * chain.first_moment[i], chain.gravity_along * chain.first_moment[i]
+        R[i] -= weight * work.cos[i] - aside * work.sin[i]
+        J[i, i] += cq * (weight * work.sin[i] + aside * work.cos[i])
+    for i in range(1, chain.length.size):
         phi, k0, k2, c = q[i] - q[i - 1], chain.k0[i], chain.k2[i], chain.hinge_damping[i]
         torque = k0 * phi * (1.0 + k2 * phi * phi) + c * (w[i] - w[i - 1])
-        slope = cq * k0 * (1.0 + 3.0 * k2 * phi * phi) + cw * c
-        R[i] += torque
-        R[i - 1] -= torque
-        J[i, i] += slope
-        J[i - 1, i - 1] += slope
-        J[i, i - 1] -= slope
-        J[i - 1, i] -= slope
+        add_hinge_torque(i, torque, cq * k0 * (1.0 + 3.0 * k2 * phi * phi) + cw * c, work)
 
 
 @compiled
-def assemble(chain: Chain, q: Floats, w: Floats, a: Floats, anchor: Floats, ca: float, cw: float, cq: float, work: Work) -> None:
-    """Residual and its derivative at (q, w, a) into `work`: R, J, and the forces of the ground in `work.contact`."""
+def add_hinge_torque(i: int, torque: float, slope: float, work: Work) -> None:
+    """A torque that resists q_i - q_(i-1), and its weighted derivative."""
+    R, J = work.R, work.J
+    R[i] += torque
+    R[i - 1] -= torque
+    J[i, i] += slope
+    J[i - 1, i - 1] += slope
+    J[i, i - 1] -= slope
+    J[i - 1, i] -= slope
+
+
+@compiled
+def add_hinge_laws(chain: Chain, laws: Laws, state: State, elapsed: float, q: Floats, w: Floats, cw: float, cq: float, work: Work) -> None:
+    """What effects add in the hinges."""
+    for m in range(laws.place.size):
+        if laws.place[m] == HINGE:
+            for i in range(1, chain.length.size):
+                if laws.only[m] in (-1, i):
+                    call_hinge(chain, laws, laws.address[m], m, i, state, elapsed, q, w, work)
+                    add_hinge_torque(i, work.out[0], cq * work.out[1] + cw * work.out[2], work)
+
+
+@compiled
+def call_hinge(
+    chain: Chain, laws: Laws, address: int, m: int, i: int, state: State, elapsed: float, q: Floats, w: Floats, work: Work
+) -> None:
+    """Calls one of the two functions of hinge law m for hinge i."""
+    work.x[0], work.x[1], work.x[2] = q[i] - q[i - 1], w[i] - w[i - 1], elapsed
+    work.x[3], work.x[4] = chain.k0[i], chain.k2[i]
+    call_law(address, work.x, state.memory[m, i], laws.parameter[m], work.out)
+
+
+@compiled
+def add_link_laws(chain: Chain, laws: Laws, state: State, w: Floats, cw: float, work: Work) -> None:
+    """Forces of the surroundings across the links; their dependence on the pose is left to Newton's iteration."""
+    for m in range(laws.place.size):
+        if laws.place[m] == LINK:
+            for i in range(chain.length.size):
+                if laws.only[m] in (-1, i):
+                    add_link_law(chain, laws, m, i, state, w, cw, work)
+
+
+@compiled
+def add_link_law(chain: Chain, laws: Laws, m: int, i: int, state: State, w: Floats, cw: float, work: Work) -> None:
+    """Law m on link i, at its middle."""
+    arm, v = work.arm, 0.0
+    for j in range(w.size):
+        if j < i:
+            arm[j] = chain.length[j] * (work.cos[i] * work.cos[j] + work.sin[i] * work.sin[j])
+        elif j == i:
+            arm[j] = 0.5 * chain.length[i]
+        else:
+            arm[j] = work.cos[i] if j >= chain.length.size else 0.0
+        v += arm[j] * w[j]
+    work.x[0], work.x[1] = v, chain.length[i]
+    call_law(laws.address[m], work.x, state.memory[m, i], laws.parameter[m], work.out)
+    F, F_v = work.out[0], work.out[1]
+    work.outside[0] -= F * work.sin[i]
+    work.outside[1] += F * work.cos[i]
+    for j in range(w.size):
+        work.R[j] -= F * arm[j]
+        for k in range(w.size):
+            work.J[j, k] -= cw * F_v * arm[j] * arm[k]
+
+
+@compiled
+def begin(chain: Chain, q: Floats, work: Work) -> None:
+    """Trigonometry of the pose, once for all that need it; R and J empty."""
+    R, J, sin, cos, down, along = work.R, work.J, work.sin, work.cos, work.down, work.along
+    work.outside[0] = work.outside[1] = 0.0
     for i in range(q.size):
-        work.sin[i], work.cos[i] = np.sin(q[i]), np.cos(q[i])
-        work.R[i] = 0.0
+        sin[i], cos[i] = np.sin(q[i]), np.cos(q[i])
+        R[i] = 0.0
         for j in range(q.size):
-            work.J[i, j] = 0.0
+            J[i, j] = 0.0
+    for i in range(chain.length.size):
+        down[i] = chain.length[i] * (cos[i] * chain.floor_cos + sin[i] * chain.floor_sin)
+        along[i] = chain.length[i] * (cos[i] * chain.floor_sin - sin[i] * chain.floor_cos)
+
+
+@compiled
+def assemble(
+    chain: Chain,
+    laws: Laws | None,
+    state: State,
+    elapsed: float,
+    q: Floats,
+    w: Floats,
+    a: Floats,
+    ca: float,
+    cw: float,
+    cq: float,
+    work: Work,
+) -> None:
+    """Residual and its derivative at (q, w, a) into `work`: R, J, and the forces of the ground in `work.contact`.
+
+    `state` gives what is remembered (anchors, memory of laws) from the beginning of the step, `elapsed` ago. `laws` None is the
+    plain chain: the compiler makes a version of its own for it, at twice the speed.
+    """
+    begin(chain, q, work)
     add_inertia(chain, w, a, ca, cw, cq, work)
     add_weight_and_hinges(chain, q, w, cw, cq, work)
-    add_contacts(chain, q, w, anchor, cw, cq, work)
+    locate_ends(chain, state, q, w, work)
+    if laws is None:
+        add_contacts(chain, w, cw, cq, work)
+    else:
+        add_frame(chain, q, w, a, ca, cw, cq, work)
+        add_contacts_with_effects(chain, laws, w, cw, cq, work)
+        add_hinge_laws(chain, laws, state, elapsed, q, w, cw, cq, work)
+        add_link_laws(chain, laws, state, w, cw, work)
 
 
 @compiled
-def measure(chain: Chain, q: Floats, w: Floats, a: Floats, anchor: Floats, work: Work, force: Floats) -> None:
+def measure(
+    chain: Chain, laws: Laws | None, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, work: Work, force: Floats
+) -> None:
     """force = (fy, fz, shaft torque): what the leg does to its mount, in the sensor's axes (z down, y against the plane's y)."""
-    assemble(chain, q, w, a, anchor, 0.0, 0.0, 0.0, work)
-    force[0], force[1], force[2] = 0.0, chain.total_mass * chain.gravity, work.R[0]
-    for i in range(w.size):
+    assemble(chain, laws, state, elapsed, q, w, a, 0.0, 0.0, 0.0, work)
+    force[0] = -chain.total_mass * chain.gravity_along - work.outside[0]
+    force[1] = chain.total_mass * chain.gravity + work.outside[1]
+    force[2] = work.R[0]
+    if q.size > chain.length.size:
+        force[1] -= chain.total_mass * a[chain.length.size]
+    for i in range(chain.length.size):
         sin, cos, ww = work.sin[i], work.cos[i], w[i] * w[i]
-        force[0] += chain.first_moment[i] * (-sin * a[i] - cos * ww) - work.contact[1, i]
-        force[1] -= chain.first_moment[i] * (cos * a[i] - sin * ww) + work.contact[0, i]
+        N, F = work.contact[0, i], work.contact[1, i]
+        force[0] += chain.first_moment[i] * (-sin * a[i] - cos * ww) - F * chain.floor_cos - N * chain.floor_sin
+        force[1] -= chain.first_moment[i] * (cos * a[i] - sin * ww) + N * chain.floor_cos - F * chain.floor_sin

@@ -51,10 +51,19 @@ class Drive:
 
 
 @dataclass(frozen=True)
+class PresentEffect:
+    """A piece of physics switched on: its id in the catalogue, and the values of its parameters in the units of their names."""
+
+    id: str
+    values: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
 class RigModel:
-    """One rig as the model sees it."""
+    """One rig as the model sees it. `effects` act in their order; none is the plain model."""
 
     leg: Leg
     ground: Ground
     sensor: SensorMount
     drive: Drive
+    effects: tuple[PresentEffect, ...] = ()

@@ -19,14 +19,17 @@ def shaft_at(shaft: Shaft, t: float) -> tuple[float, float, float]:
 
 
 @compiled
-def close_shaft_row(shaft: Shaft, q: Floats, w: Floats, a: Floats, g: float, R: Floats, J: Floats) -> None:
+def close_shaft_row(shaft: Shaft, t: float, q: Floats, w: Floats, a: Floats, g: float, R: Floats, J: Floats) -> None:
     """Row 0, eq. (16): a known acceleration takes the place of the unknown one, or a torque drives the rotor."""
     if not shaft.free:
         R[0] = 0.0
         J[0, :] = 0.0
         J[0, 0] = 1.0
         return
-    R[0] += shaft.rotor * a[0] - shaft.feed - shaft.k_angle * (shaft.angle - q[0]) - shaft.k_speed * (shaft.speed - w[0])
+    angle, speed = shaft.angle, shaft.speed
+    if shaft.breaks.size > 0:
+        angle, speed, _ = shaft_at(shaft, t)
+    R[0] += shaft.rotor * a[0] - shaft.feed - shaft.k_angle * (angle - q[0]) - shaft.k_speed * (speed - w[0])
     J[0, 0] += shaft.rotor + g * shaft.k_speed + g * g * shaft.k_angle
 
 

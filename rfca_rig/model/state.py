@@ -6,6 +6,7 @@ Symbols, as in the paper's section III with absolute angles instead of relative 
     Y_k, D_k place of the distal end of link k: along the ground, and depth below the shaft [m]
     delta_k  = D_k + r - H, how deep the circle of radius r around that end is in the ground [m]
     s_k      = Y_k - r q_k, displacement of the circle's lowest point along the ground, rolling taken off [m]
+               (Y, D, delta and s are taken along and across the floor where it slopes)
     R        = M(q) a + h(q, w) - Q, the residual of the equations of motion [N m]; R_0 is the shaft torque
     J        = ca dR/da + cw dR/dw + cq dR/dq, with the three weights the caller needs
 """
@@ -16,10 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 
 class Chain(NamedTuple):
-    """Leg and ground. Arrays (n,) per link, `moment` (n, n) couples the links (inertia on its diagonal); SI units."""
+    """Leg and ground. Arrays (n,) per link, `moment` (n, n) couples the links (inertia on its diagonal); SI units.
+
+    `gravity` pulls down and `gravity_along` towards +y. The floor falls away towards +y by an angle whose cosine and sine are
+    given. A frame that yields vertically has `frame_mass` > 0 and is the coordinate behind the last link: its sinking, on a
+    spring with damping.
+    """
 
     length: Floats
     first_moment: Floats
@@ -29,26 +36,50 @@ class Chain(NamedTuple):
     moment: Floats
     radius: float
     gravity: float
+    gravity_along: float
     total_mass: float
     ground_depth: float
+    floor_cos: float
+    floor_sin: float
     contact_stiffness: float
     contact_damping: float
     mu: float
     grip: float
     drag: float
+    frame_mass: float
+    frame_stiffness: float
+    frame_damping: float
 
 
 class State(NamedTuple):
-    """Where the chain is, all (n,), changed in place. `anchor` is where each end's lowest point is tied to the ground [m]."""
+    """Where the chain is, changed in place: q, w, a for every coordinate; per link the `anchor` to which the end's lowest point
+    is tied on the ground [m]; `memory` (m, n, 4) is what the laws of effects remember of each hinge or link.
+    """
 
     q: Floats
     w: Floats
     a: Floats
     anchor: Floats
+    memory: Floats
+
+
+class Laws(NamedTuple):
+    """Laws that effects add, as compiled functions at `address` (m,), called at their `place`; see `laws`.
+
+    `only` (m,) is the one hinge or link a law acts on, -1 for all; `parameter` (m, 8).
+    """
+
+    address: Integers
+    advance: Integers
+    place: Integers
+    only: Integers
+    parameter: Floats
 
 
 class Shaft(NamedTuple):
-    """What turns the shaft: a prescribed piecewise cubic angle, or (`free`) a rotor under feed + k (angle - q) + kw (speed - w)."""
+    """What turns the shaft: a prescribed piecewise cubic angle, or (`free`) a rotor under
+    feed + k_angle (angle - q) + k_speed (speed - w), where angle and speed follow the piecewise cubic if there is one.
+    """
 
     breaks: Floats
     coefficient: Floats
@@ -63,7 +94,7 @@ class Shaft(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Room for samples at `t` (m,): `q`, `w` (m, n), `force` (m, 3) = fy, fz, shaft torque, `contact` (m, 2, n) = N, F."""
+    """Room for samples at `t` (m,): `q`, `w` (m, coordinates), `force` (m, 3) = fy, fz, shaft torque, `contact` (m, 2, n) = N, F."""
 
     t: Floats
     q: Floats
@@ -73,12 +104,21 @@ class Samples(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch of one integration; `sin`, `cos` are those of the angles last assembled."""
+    """Scratch of one integration.
+
+    `sin`, `cos` are those of the angles last assembled; `down`, `along` (n,) how every end beyond link j moves across and along
+    the floor per radian of q_j; `arm` how the middle of a link moves across it per unit of each coordinate; `place` (n, 4) of
+    each end its depth, sinking, stretch and slip; `limit` (n,) what friction can hold at each end [N]; `outside` (2,) the force
+    of the surroundings on the leg along y and down; `x` and `out` (8,) go to and from the laws of effects.
+    """
 
     R: Floats
     J: Floats
     sin: Floats
     cos: Floats
+    down: Floats
+    along: Floats
+    arm: Floats
     q: Floats
     w: Floats
     a: Floats
@@ -90,3 +130,8 @@ class Work(NamedTuple):
     contact: Floats
     force_old: Floats
     force: Floats
+    place: Floats
+    limit: Floats
+    outside: Floats
+    x: Floats
+    out: Floats

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.model.chain import Tolerance, advance, at_rest, chain_of, room_for
+from rfca_rig.model.chain import Tolerance, advance, room_for
 from rfca_rig.model.forces import measure
 from rfca_rig.model.integrator import FIRST_STEP_S, room_to_work
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.state import Chain, Samples, State
+from rfca_rig.model.setup import Felt, set_up
+from rfca_rig.model.state import Chain, Laws, Samples, State
 
 Floats = NDArray[np.float64]
 
@@ -53,20 +54,24 @@ def stroke_following(
     `t_s` (m,) ascending sample times; those up to 0 show the leg at rest. Second order in the step, error-controlled;
     `tolerance` is per step. Raises SimulationFailed where the integrator cannot go on.
     """
-    chain = chain_of(rig, height_m)
-    state = at_rest(chain, float(motion.angle_rad(np.zeros(1))[0]))
-    everything = room_for(t_s, state.q.size)
+    setup = set_up(rig, height_m, motion)
+    chain = setup.chain()
+    laws = setup.compiled_laws(chain)
+    shaft, state = setup.begin(chain, laws)
+    links = chain.length.size
+    everything = room_for(t_s, state.q.size, links)
     resting = int(np.searchsorted(t_s, 0.0, side="right"))
-    _fill_resting(chain, state, everything, resting)
+    _fill_resting(chain, laws, state, everything, resting)
     moving = Samples(*(column[resting:] for column in everything))
-    cost = advance(chain, motion.shaft(), state, (0.0, float(t_s[-1])), FIRST_STEP_S, tolerance or Tolerance(), moving)
+    cost = advance(chain, shaft, state, (0.0, float(t_s[-1])), FIRST_STEP_S, tolerance or Tolerance(), moving, laws)
     fy, fz, torque = everything.force.T
+    felt = setup.felt(Felt(t_s, fy, fz, torque + setup.rig.sensor.below_shaft_m * fy))
     return SimulatedStroke(
         t_s=t_s,
-        q_rad=everything.q,
-        fy_N=fy,
-        fz_N=fz,
-        tx_Nm=torque + rig.sensor.below_shaft_m * fy,
+        q_rad=everything.q[:, :links],
+        fy_N=felt.fy_N,
+        fz_N=felt.fz_N,
+        tx_Nm=felt.tx_Nm,
         shaft_torque_Nm=torque,
         normal_N=everything.contact[:, 0],
         tangential_N=everything.contact[:, 1],
@@ -75,7 +80,7 @@ def stroke_following(
     )
 
 
-def _fill_resting(chain: Chain, state: State, samples: Samples, rows: int) -> None:
-    work, force = room_to_work(state.q.size), np.empty(3)
-    measure(chain, state.q, state.w, state.a, state.anchor, work, force)
+def _fill_resting(chain: Chain, laws: Laws | None, state: State, samples: Samples, rows: int) -> None:
+    work, force = room_to_work(state.q.size, state.anchor.size), np.empty(3)
+    measure(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
     samples.q[:rows], samples.w[:rows], samples.force[:rows], samples.contact[:rows] = state.q, 0.0, force, work.contact

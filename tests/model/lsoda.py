@@ -22,7 +22,7 @@ def fz_by_lsoda(rig: RigModel, height_m: float, speed_rad_s: float, t_s: np.ndar
     chain = chain_of(rig, height_m)._replace(grip=0.0)
     n, ramp_s = chain.length.size, rig.drive.ramp_s
     rest = at_rest(chain, rig.leg.start_angle_rad)
-    work, nowhere = room_to_work(n), np.zeros(n)
+    work = room_to_work(n, n)
 
     def full(t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         ramping = t < ramp_s
@@ -32,7 +32,7 @@ def fz_by_lsoda(rig: RigModel, height_m: float, speed_rad_s: float, t_s: np.ndar
         w = np.concatenate([[speed_rad_s * min(share, 1.0)], x[n - 1 :]])
         a = np.zeros(n)
         a[0] = speed_rad_s / ramp_s if ramping else 0.0
-        assemble(chain, q, w, a, nowhere, 1.0, 0.0, 0.0, work)
+        assemble(chain, None, rest, 0.0, q, w, a, 1.0, 0.0, 0.0, work)
         a[1:] = np.linalg.solve(work.J[1:, 1:], -work.R[1:])
         return q, w, a
 

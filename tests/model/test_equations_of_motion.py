@@ -21,7 +21,7 @@ def free_shaft() -> Shaft:
 
 def released(q):
     n = len(q)
-    return State(np.array(q, dtype=float), np.zeros(n), np.zeros(n), np.zeros(n))
+    return State(np.array(q, dtype=float), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((0, n, 4)))
 
 
 def swing(chain, state, t_s, tolerance=TIGHT):
@@ -104,9 +104,11 @@ def test_the_jacobian_is_the_derivative_of_the_residual():
         assert (plus - minus) / 2e-6 == pytest.approx(exact[:, j], rel=2e-5, abs=1e-4)
 
 
-def residual(chain, q, w, a, anchor, weights):
-    work = room_to_work(7)
-    assemble(chain, q, w, a, anchor, *weights, work)
+def residual(chain, q, w, a, anchor, weights, laws=None):
+    work = room_to_work(q.size, 7)
+    memory = np.zeros((0 if laws is None else laws.place.size, 7, 4))
+    state = State(q, w, a, anchor, memory)
+    assemble(chain, laws, state, 1e-3, q, w, a, *weights, work)
     assert (work.contact[0] > 0).sum() >= 2  # several ends in the ground, or the test proves little
     return work.R, work.J
 

@@ -1,0 +1,1 @@
+"""The package's own entries of the catalogue, one file each."""

@@ -1,0 +1,24 @@
+"""A soft floor under the contact."""
+
+from dataclasses import replace
+
+from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.setup import Setup
+
+
+def apply(setup: Setup, values: Values) -> Setup:
+    """Two Hertz springs in series: depths add, so k^(-2/3) adds."""
+    ground = setup.rig.ground
+    soft = ground.stiffness_N_per_m1p5 ** (-2.0 / 3.0) + values["stiffness_N_per_m1p5"] ** (-2.0 / 3.0)
+    return replace(setup, rig=replace(setup.rig, ground=replace(ground, stiffness_N_per_m1p5=soft**-1.5)))
+
+
+EFFECT = Effect(
+    id="ground_compliance",
+    where="ground",
+    left_out="soft floor",
+    law="N = k depth^1.5 in series with the believed contact",
+    source="Hertz contacts in series",
+    parameters=(Parameter("stiffness_N_per_m1p5", 5000.0, 1000000.0),),
+    apply=apply,
+)

@@ -1,0 +1,34 @@
+"""Shell segments that meet: stiff beyond an angle, either way."""
+
+from typing import Any
+
+import numpy as np
+
+from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.laws import HINGE, LawUse
+from rfca_rig.model.setup import Setup, with_law
+
+
+def torque(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
+    beyond = abs(phi) - parameter[0]
+    if beyond <= 0.0:
+        return 0.0, 0.0, 0.0
+    return np.sign(phi) * parameter[1] * beyond, parameter[1], 0.0
+
+
+def apply(setup: Setup, values: Values) -> Setup:
+    return with_law(setup, LawUse(HINGE, torque, (np.radians(values["angle_deg"]), values["stiffness_Nm_per_rad"])))
+
+
+EFFECT = Effect(
+    id="hinge_stop",
+    where="hinges",
+    left_out="shell segments meet, stiff beyond an angle",
+    law="T = k (|phi| - angle) sgn(phi) beyond the angle",
+    source="one-sided spring",
+    parameters=(
+        Parameter("angle_deg", 5.0, 45.0),
+        Parameter("stiffness_Nm_per_rad", 10.0, 1000.0),
+    ),
+    apply=apply,
+)

@@ -1,0 +1,43 @@
+"""A first-order lag of all channels of the sensor."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.setup import Felt, Setup, with_sensor
+
+Floats = NDArray[np.float64]
+
+
+def apply(setup: Setup, values: Values) -> Setup:
+    tau = values["time_constant_s"]
+
+    def lag(felt: Felt) -> Felt:
+        t = felt.t_s
+        return replace(felt, fy_N=lagged(t, felt.fy_N, tau), fz_N=lagged(t, felt.fz_N, tau), tx_Nm=lagged(t, felt.tx_Nm, tau))
+
+    return with_sensor(setup, lag)
+
+
+def lagged(t_s: Floats, x: Floats, tau_s: float) -> Floats:
+    """y' = (x - y) / tau from rest, exactly for x straight between samples."""
+    step = np.diff(t_s) / tau_s
+    left = np.exp(-step)
+    ramp = (1.0 - left) / np.where(step > 0.0, step, 1.0)
+    y = x.copy()
+    for i in range(1, len(x)):
+        y[i] = left[i - 1] * y[i - 1] + (ramp[i - 1] - left[i - 1]) * x[i - 1] + (1.0 - ramp[i - 1]) * x[i]
+    return y
+
+
+EFFECT = Effect(
+    id="sensor_lag",
+    where="sensor",
+    left_out="first-order lag of all channels",
+    law="tau y' = x - y",
+    source="first-order low-pass",
+    parameters=(Parameter("time_constant_s", 0.0005, 0.05),),
+    apply=apply,
+)

@@ -1,0 +1,101 @@
+"""Laws of effects inside the compiled chain: plain functions, compiled on their own and called by address.
+
+So the chain is compiled once, whatever effects are switched on, and a lab's own law needs no change in it. A law is a plain
+Python function that numba can compile, with one of these signatures; `memory` (4) and `parameter` (8) are indexed, nothing more:
+
+    HINGE   torque(phi, rate, elapsed, k0, k2, memory, parameter) -> (T, dT/dphi, dT/drate)
+            T [N m] resists phi beside the believed spring k0 phi (1 + k2 phi^2); `elapsed` [s] since the step began
+    LINK    force(v, length, memory, parameter) -> (F, dF/dv)
+            F [N] at the middle of a link, across it, in the direction of growing angle, for the speed v [m/s] there
+    SLIP    factor(v, memory, parameter) -> (f, df/dv)
+            f multiplies the friction coefficient at the sliding speed v [m/s]
+    NORMAL  force(depth, rate, memory, parameter) -> (N, dN/d depth, dN/d rate)
+            N [N] is added to the normal force of an end that is `depth` [m] in the ground and sinks at `rate` [m/s]
+
+A HINGE law with memory brings a second function, called once after each accepted step, which may change `memory`:
+
+    advance(phi, rate, elapsed, k0, k2, memory, parameter)
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, cast
+
+import numba
+from numba import types
+
+HINGE, LINK, SLIP, NORMAL = range(4)
+
+Law = Callable[..., Any]
+
+_NUMBERS = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
+_SIGNATURE = types.void(_NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
+_KEPT: list[Any] = []  # compiled code must live as long as anybody may call its address
+
+
+@cache
+def address_of(law: Law, place: int) -> int:
+    """The address of the compiled law, to be called with pointers to inputs, memory, parameters and outputs."""
+    return _kept(_WRAPPERS[place](numba.njit(law, error_model="numpy")))
+
+
+@cache
+def address_of_advance(law: Law) -> int:
+    """The same for the second function of a hinge law."""
+    return _kept(_advance(numba.njit(law, error_model="numpy")))
+
+
+def _kept(wrapper: Law) -> int:
+    compiled = numba.cfunc(_SIGNATURE)(wrapper)
+    _KEPT.append(compiled)
+    return int(cast(int, compiled.address))
+
+
+def _hinge(law: Law) -> Law:
+    def call(x, memory, parameter, out):  # type: ignore[no-untyped-def]
+        out[0], out[1], out[2] = law(x[0], x[1], x[2], x[3], x[4], memory, parameter)
+
+    return call
+
+
+def _advance(law: Law) -> Law:
+    def call(x, memory, parameter, out):  # type: ignore[no-untyped-def]  # noqa: ARG001
+        law(x[0], x[1], x[2], x[3], x[4], memory, parameter)
+
+    return call
+
+
+def _link(law: Law) -> Law:
+    def call(x, memory, parameter, out):  # type: ignore[no-untyped-def]
+        out[0], out[1] = law(x[0], x[1], memory, parameter)
+
+    return call
+
+
+def _slip(law: Law) -> Law:
+    def call(x, memory, parameter, out):  # type: ignore[no-untyped-def]
+        out[0], out[1] = law(x[0], memory, parameter)
+
+    return call
+
+
+def _normal(law: Law) -> Law:
+    def call(x, memory, parameter, out):  # type: ignore[no-untyped-def]
+        out[0], out[1], out[2] = law(x[0], x[1], memory, parameter)
+
+    return call
+
+
+_WRAPPERS = {HINGE: _hinge, LINK: _link, SLIP: _slip, NORMAL: _normal}
+
+
+@dataclass(frozen=True)
+class LawUse:
+    """One law as an effect uses it: where, with which parameters (at most 8), on which one hinge or link (-1 for all)."""
+
+    place: int
+    law: Law
+    parameters: tuple[float, ...]
+    advance: Law | None = None
+    only: int = -1

@@ -1,0 +1,137 @@
+"""One simulation put together: rig, height, shaft motion, and what effects change in them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.chain import at_rest, chain_of, laws_of
+from rfca_rig.model.effect import Effect
+from rfca_rig.model.laws import LawUse
+from rfca_rig.model.motion import ShaftMotion
+from rfca_rig.model.parameters import PresentEffect, RigModel
+from rfca_rig.model.state import Chain, Laws, Shaft, State
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Felt:
+    """What the sensor reports: channels over time (m,), in its axes and signs. Effects of the sensor change it afterwards."""
+
+    t_s: Floats
+    fy_N: Floats
+    fz_N: Floats
+    tx_Nm: Floats
+
+
+@dataclass(frozen=True)
+class SoftDrive:
+    """A shaft that is not where it is told: torque feed + k (commanded - angle) + kw (commanded speed - speed) on a rotor.
+
+    With `holds`, the feed is what keeps the shaft at the start angle before the motion, as an integrator would have it.
+    """
+
+    angle_gain_Nm_per_rad: float
+    speed_gain_Nm_s_per_rad: float
+    rotor_kg_m2: float
+    holds: bool
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is simulated. Effects replace what they change: `rig` and `height_m`, the `motion`, the finished `chain` through
+    `chain_changes`, laws inside it, the drive, or what the sensor makes of it.
+    """
+
+    rig: RigModel
+    height_m: float
+    motion: ShaftMotion
+    chain_changes: tuple[Callable[[Chain], Chain], ...] = ()
+    laws: tuple[LawUse, ...] = ()
+    drive: SoftDrive | None = None
+    sensor_changes: tuple[Callable[[Felt], Felt], ...] = field(default=())
+
+    def chain(self) -> Chain:
+        """The chain with all changes."""
+        chain = chain_of(self.rig, self.height_m)
+        for change in self.chain_changes:
+            chain = change(chain)
+        return chain
+
+    def compiled_laws(self, chain: Chain) -> Laws | None:
+        """The laws of effects as the compiled chain wants them; None for a plain chain."""
+        return laws_of(self.laws) if self.laws or chain.frame_mass > 0.0 else None
+
+    def begin(self, chain: Chain, laws: Laws | None) -> tuple[Shaft, State]:
+        """The shaft, and the chain at rest before the motion."""
+        start_rad = float(self.motion.angle_rad(np.zeros(1))[0])
+        if self.drive is None:
+            return self.motion.shaft(), at_rest(chain, start_rad, laws)
+        soft = replace_shaft(self.motion.shaft(), self.drive, start_rad)
+        if self.drive.holds:
+            state = at_rest(chain, start_rad, laws)
+            return soft._replace(feed=holding_torque_Nm(chain, laws, state)), state
+        return soft, at_rest(chain, start_rad, laws, soft)
+
+    def felt(self, felt: Felt) -> Felt:
+        """What the sensor makes of it."""
+        for change in self.sensor_changes:
+            felt = change(felt)
+        return felt
+
+
+def replace_shaft(shaft: Shaft, drive: SoftDrive, start_rad: float) -> Shaft:
+    """The commanded shaft with a soft drive between command and leg."""
+    return shaft._replace(
+        free=True, rotor=drive.rotor_kg_m2, k_angle=drive.angle_gain_Nm_per_rad, k_speed=drive.speed_gain_Nm_s_per_rad, angle=start_rad
+    )
+
+
+def holding_torque_Nm(chain: Chain, laws: Laws | None, state: State) -> float:
+    """The shaft torque of a chain at rest."""
+    from rfca_rig.model.forces import measure  # noqa: PLC0415
+    from rfca_rig.model.integrator import room_to_work  # noqa: PLC0415
+
+    work, force = room_to_work(state.q.size, state.anchor.size), np.empty(3)
+    measure(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
+    return float(force[2])
+
+
+def set_up(rig: RigModel, height_m: float, motion: ShaftMotion) -> Setup:
+    """The setup of a rig with all its effects in it. Raises BadInput for an effect that is not in the catalogue."""
+    setup = Setup(rig, height_m, motion)
+    for present in rig.effects:
+        effect, values = resolved(present)
+        setup = effect.apply(setup, values)
+    return setup
+
+
+def resolved(present: PresentEffect) -> tuple[Effect, dict[str, float]]:
+    """The catalogue's entry, and the values by parameter name. Raises BadInput where either does not fit."""
+    known = catalogue()
+    if present.id not in known:
+        raise BadInput(f"effect {present.id}: not in the catalogue; there are {', '.join(sorted(known))}")
+    effect, values = known[present.id], dict(present.values)
+    wanted = {parameter.name for parameter in effect.parameters}
+    if set(values) != wanted:
+        raise BadInput(f"effect {present.id}: takes {', '.join(sorted(wanted))}, was given {', '.join(sorted(values)) or 'nothing'}")
+    return effect, values
+
+
+def with_law(setup: Setup, law: LawUse) -> Setup:
+    """The setup with one law more."""
+    return replace(setup, laws=(*setup.laws, law))
+
+
+def with_chain(setup: Setup, change: Callable[[Chain], Chain]) -> Setup:
+    """The setup with one more change of the finished chain."""
+    return replace(setup, chain_changes=(*setup.chain_changes, change))
+
+
+def with_sensor(setup: Setup, change: Callable[[Felt], Felt]) -> Setup:
+    """The setup with one more change of what is felt."""
+    return replace(setup, sensor_changes=(*setup.sensor_changes, change))
