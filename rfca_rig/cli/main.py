@@ -8,7 +8,7 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 from rfca_rig import __version__
-from rfca_rig.cli import dynamic, importing, predicting, reporting, static
+from rfca_rig.cli import crosscheck, dynamic, fitting, importing, predicting, reporting, static, strip
 from rfca_rig.errors import BadInput, RigError, Stopped
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
@@ -26,6 +26,9 @@ app.add_typer(static.app, name="static")
 app.command("import")(importing.import_folder)
 app.command("predict")(predicting.predict)
 app.command("report")(reporting.report)
+app.command("fit")(fitting.fit)
+app.command("crosscheck")(crosscheck.crosscheck)
+app.command("strip")(strip.strip)
 
 
 def _print_version(wanted: bool) -> None:

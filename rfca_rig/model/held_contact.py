@@ -6,7 +6,7 @@ from rfca_rig.model.compiled import compiled
 from rfca_rig.model.contact import drag_anchors
 from rfca_rig.model.forces import assemble
 from rfca_rig.model.linear import solve
-from rfca_rig.model.state import Chain, Floats, Work
+from rfca_rig.model.state import Chain, Floats, State, Work
 
 NEWTON_LIMIT = 25
 CONVERGED_RAD = 1e-11
@@ -16,15 +16,15 @@ FARTHEST_TURN_RAD = 0.15  # of a link within one step: more is no continuation o
 
 
 @compiled
-def balance(chain: Chain, q: Floats, anchor: Floats, angle: float, nothing: Floats, work: Work) -> bool:
-    """Newton from q to the equilibrium with the shaft at `angle` and the anchors where they are; True when found nearby.
+def balance(chain: Chain, state: State, q: Floats, angle: float, nothing: Floats, work: Work) -> bool:
+    """Newton from q to the equilibrium with the shaft at `angle` and the anchors of `state`; True when found nearby.
 
     At w = 0 the ground has neither damping nor drag. The first iteration goes along the tangent of the path, because row 0
     asks for the new shaft angle. A slipping end keeps |F| = mu N, which the tangent knows, so that the rows are not symmetric.
     """
     turned = 0.0
     for _ in range(NEWTON_LIMIT):
-        assemble(chain, q, nothing, nothing, anchor, 0.0, 0.0, 1.0, work)
+        assemble(chain, None, state, 0.0, q, nothing, nothing, 0.0, 0.0, 1.0, work)
         work.R[0] = q[0] - angle
         work.J[0, :] = 0.0
         work.J[0, 0] = 1.0
@@ -41,22 +41,23 @@ def balance(chain: Chain, q: Floats, anchor: Floats, angle: float, nothing: Floa
 
 
 @compiled
-def turn_shaft(chain: Chain, q: Floats, anchor: Floats, angle: float, nothing: Floats, work: Work) -> bool:
-    """Turns the shaft to `angle` in small steps, q and anchors following; False where the path ends before it.
+def turn_shaft(chain: Chain, state: State, angle: float, nothing: Floats, work: Work) -> bool:
+    """Turns the shaft to `angle` in small steps, `state` following; False where the path ends before it.
 
     A step that finds no equilibrium nearby is repeated at half the length. After each the anchors of slipping ends are dragged
     along: that is the memory of where an end stuck.
     """
+    q = state.q
     step, tried = STEP_RAD, q.copy()
     while q[0] != angle:
         left = angle - q[0]
         goal = angle if abs(left) <= step else q[0] + np.sign(left) * step
         tried[:] = q
-        if balance(chain, tried, anchor, goal, nothing, work):
+        if balance(chain, state, tried, goal, nothing, work):
             q[:] = tried
             q[0] = goal
-            assemble(chain, q, nothing, nothing, anchor, 0.0, 0.0, 0.0, work)
-            drag_anchors(chain, q, anchor, work.contact)
+            assemble(chain, None, state, 0.0, q, nothing, nothing, 0.0, 0.0, 0.0, work)
+            drag_anchors(chain, state, q, work)
             step = min(2.0 * step, STEP_RAD)
         else:
             step *= 0.5

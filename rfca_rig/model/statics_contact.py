@@ -48,9 +48,9 @@ def static_path(
 
 
 def _go_to(chain: Chain, state: State, angle: float) -> bool:
-    work, nothing = room_to_work(state.q.size), np.zeros(state.q.size)
+    work, nothing = room_to_work(state.q.size, state.q.size), np.zeros(state.q.size)
     jumped = False
-    while not turn_shaft(chain, state.q, state.anchor, angle, nothing, work):
+    while not turn_shaft(chain, state, angle, nothing, work):
         _jump(chain, state, angle)
         jumped = True
     return jumped
@@ -63,10 +63,10 @@ def _jump(chain: Chain, state: State, angle: float) -> None:
     speed = (after - before) / JUMP_S
     breaks = np.array([0.0, JUMP_S, LONGEST_JUMP_S])
     motion = ShaftMotion(breaks, np.array([[before, speed, 0.0, 0.0], [after, 0.0, 0.0, 0.0]]), breaks[:2])
-    moving = State(state.q, np.zeros_like(state.q), np.zeros_like(state.q), state.anchor)
+    moving = state._replace(w=np.zeros_like(state.q), a=np.zeros_like(state.q))
     _wait_for_rest(chain, motion, moving)
-    work, nothing = room_to_work(state.q.size), np.zeros(state.q.size)
-    if not balance(chain, state.q, state.anchor, after, nothing, work):
+    work, nothing = room_to_work(state.q.size, state.q.size), np.zeros(state.q.size)
+    if not balance(chain, state, state.q, after, nothing, work):
         raise _no_rest(chain, after)
     state.q[0] = after
 
@@ -89,6 +89,6 @@ def _no_rest(chain: Chain, angle: float) -> SimulationFailed:
 
 
 def _observed(rig: RigModel, chain: Chain, state: State, jumped: bool) -> StaticState:
-    work, nothing = room_to_work(state.q.size), np.zeros(state.q.size)
-    assemble(chain, state.q, nothing, nothing, state.anchor, 0.0, 0.0, 0.0, work)
+    work, nothing = room_to_work(state.q.size, state.q.size), np.zeros(state.q.size)
+    assemble(chain, None, state, 0.0, state.q, nothing, nothing, 0.0, 0.0, 0.0, work)
     return static_state(rig, state.q.copy(), float(work.R[0]), work.contact[0].copy(), work.contact[1].copy(), jumped)

@@ -45,7 +45,7 @@ def test_one_richardson_step_is_good_to_a_millionth(direction_deg, slope_deg):
     assert tip.slope_rad == pytest.approx(np.radians(slope_deg), rel=1e-6)
 
 
-@pytest.mark.parametrize(("direction_deg", "slope_deg"), [(179.9, 60), (179, 170)])
+@pytest.mark.parametrize(("direction_deg", "slope_deg"), [(179.9, 60), (179.99, 110), (179, 170)])
 def test_a_strip_pushed_nearly_straight_back_buckles(direction_deg, slope_deg):
     assert errors(direction_deg, slope_deg, 100).max() < 2e-3
 

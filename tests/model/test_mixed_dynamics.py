@@ -59,7 +59,7 @@ def test_a_rod_swings_with_the_period_of_the_elliptic_integral():
 
 def compiled_motion(rig, shaft, q, w, t):
     samples = room_for(t, q.size)
-    state = State(q.copy(), w.copy(), np.zeros(q.size), np.zeros(q.size))
+    state = State(q.copy(), w.copy(), np.zeros(q.size), np.zeros(q.size), np.zeros((0, q.size, 4)))
     advance(chain_of(rig, NO_GROUND_M), shaft, state, (0.0, float(t[-1])), 1e-6, TIGHT, samples)
     return samples
 

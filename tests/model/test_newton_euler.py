@@ -17,6 +17,7 @@ from rfca_rig.model.newton_euler import (
     no_loads,
     right_side_Nm,
 )
+from rfca_rig.model.state import State
 from tests.model.legs import PAPER, pendulum
 
 
@@ -31,8 +32,9 @@ def uneven_leg(random, links):
 
 def compiled(rig, q, w, a, anchor):
     """(R, M, loads of the ground) of the compiled chain; the shaft at ground level, so that many ends are in the ground."""
-    chain, work = chain_of(rig, 0.0), room_to_work(q.size)
-    assemble(chain, q, w, a, anchor, 1.0, 0.0, 0.0, work)
+    chain, work = chain_of(rig, 0.0), room_to_work(q.size, q.size)
+    state = State(q, w, a, anchor, np.zeros((0, q.size, 4)))
+    assemble(chain, None, state, 0.0, q, w, a, 1.0, 0.0, 0.0, work)
     normal, tangential = work.contact.copy()
     return work.R.copy(), work.J.copy(), EndLoads(np.array([tangential, -normal]), -chain.radius * tangential)
 
