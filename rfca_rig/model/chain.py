@@ -95,7 +95,7 @@ def at_rest(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaf
         memory=np.zeros((0 if laws is None else laws.place.size, links, 4)),
     )
     state.q[links:] = 0.0
-    smooth = chain._replace(mu=0.0, grip=0.0, drag=0.0)
+    smooth = chain._replace(mu=0.0, drag=0.0)
     if not settle(smooth, laws, shaft, state, 1e-12):
         raise SimulationFailed(
             f"no rest pose found with the shaft at {np.degrees(shaft_angle_rad):.1f} degrees and "

@@ -50,21 +50,21 @@ def friction_factor(laws: Laws, slip: float, work: Work) -> tuple[float, float]:
 
 @compiled
 def tangential_force(
-    grip: float, drag: float, mu: float, mu_v: float, stretch: float, slip: float, normal: float
+    presliding: float, drag: float, mu: float, mu_v: float, stretch: float, slip: float, normal: float
 ) -> tuple[float, float, float, float]:
     """Coulomb friction with stick as a state, eqs. (18)-(19): (F, dF/d stretch, dF/d slip, dF/dN).
 
-    The lowest point is tied to an anchor by a stiff spring; beyond mu N the anchor is dragged along. A leg at rest keeps its
-    force for ever, which a law in the sliding speed alone would let creep to zero. `drag` acts beside it, stuck or not. Where
-    an end is pulled down (N < 0, adhesion) friction has the magnitude of N.
+    The lowest point is tied to an anchor; the tie carries mu N at the stretch `presliding`, and beyond it the anchor is dragged
+    along. A leg at rest keeps its force for ever, which a law in the sliding speed alone would let creep to zero. `drag` acts
+    beside it, stuck or not. Where an end is pulled down (N < 0, adhesion) friction has the magnitude of N.
     """
-    spring, pressed, sign = -grip * stretch, abs(normal), 1.0 if normal >= 0.0 else -1.0
-    limit = mu * pressed
-    if spring > limit:
-        return limit - drag * slip, 0.0, mu_v * pressed - drag, sign * mu
-    if spring < -limit:
-        return -limit - drag * slip, 0.0, -mu_v * pressed - drag, -sign * mu
-    return spring - drag * slip, -grip, -drag, 0.0
+    pressed, sign = abs(normal), 1.0 if normal >= 0.0 else -1.0
+    share = -stretch / presliding
+    if share > 1.0:
+        return mu * pressed - drag * slip, 0.0, mu_v * pressed - drag, sign * mu
+    if share < -1.0:
+        return -mu * pressed - drag * slip, 0.0, -mu_v * pressed - drag, -sign * mu
+    return mu * pressed * share - drag * slip, -mu * pressed / presliding, mu_v * pressed * share - drag, sign * mu * share
 
 
 @compiled
@@ -158,5 +158,6 @@ def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
     y = q[chain.length.size] * chain.floor_sin if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
-        s, reach = y - chain.radius * q[k], work.limit[k] / chain.grip
+        s = y - chain.radius * q[k]
+        reach = chain.grip if work.contact[0, k] != 0.0 else 0.0
         state.anchor[k] = min(max(state.anchor[k], s - reach), s + reach)

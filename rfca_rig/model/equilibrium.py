@@ -47,5 +47,5 @@ def settle_memory(chain: Chain, laws: Laws | None, state: State) -> None:
     assemble(chain, laws, state, LONG_S, state.q, state.w, state.a, 0.0, 0.0, 0.0, work)
     work.q[:] = state.q
     remember(chain, laws, state, LONG_S, work)
-    work.limit[:] = 0.0
+    work.contact[:] = 0.0
     drag_anchors(chain, state, state.q, work)
