@@ -30,15 +30,14 @@ class Felt:
 
 @dataclass(frozen=True)
 class SoftDrive:
-    """A shaft that is not where it is told: torque feed + k (commanded - angle) + kw (commanded speed - speed) on a rotor.
+    """A shaft that is not where it is told: torque k (commanded - angle) + kw (commanded speed - speed) on a rotor.
 
-    With `holds`, the feed is what keeps the shaft at the start angle before the motion, as an integrator would have it.
+    Before the motion it rests where k carries the weight of the leg.
     """
 
     angle_gain_Nm_per_rad: float
     speed_gain_Nm_s_per_rad: float
     rotor_kg_m2: float
-    holds: bool
 
 
 @dataclass(frozen=True)
@@ -72,9 +71,6 @@ class Setup:
         if self.drive is None:
             return self.motion.shaft(), at_rest(chain, start_rad, laws)
         soft = replace_shaft(self.motion.shaft(), self.drive, start_rad)
-        if self.drive.holds:
-            state = at_rest(chain, start_rad, laws)
-            return soft._replace(feed=holding_torque_Nm(chain, laws, state)), state
         return soft, at_rest(chain, start_rad, laws, soft)
 
     def felt(self, felt: Felt) -> Felt:
@@ -89,16 +85,6 @@ def replace_shaft(shaft: Shaft, drive: SoftDrive, start_rad: float) -> Shaft:
     return shaft._replace(
         free=True, rotor=drive.rotor_kg_m2, k_angle=drive.angle_gain_Nm_per_rad, k_speed=drive.speed_gain_Nm_s_per_rad, angle=start_rad
     )
-
-
-def holding_torque_Nm(chain: Chain, laws: Laws | None, state: State) -> float:
-    """The shaft torque of a chain at rest."""
-    from rfca_rig.model.forces import measure  # noqa: PLC0415
-    from rfca_rig.model.integrator import room_to_work  # noqa: PLC0415
-
-    work, force = room_to_work(state.q.size, state.anchor.size), np.empty(3)
-    measure(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
-    return float(force[2])
 
 
 def set_up(rig: RigModel, height_m: float, motion: ShaftMotion) -> Setup:

@@ -9,7 +9,7 @@ ROTOR_KG_M2 = 0.006  # motor and gear at the shaft; the sag itself hardly depend
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    drive = SoftDrive(values["ki_Nm_per_rad"], values["kp_Nm_s_per_rad"], ROTOR_KG_M2, holds=True)
+    drive = SoftDrive(values["ki_Nm_per_rad"], values["kp_Nm_s_per_rad"], ROTOR_KG_M2)
     return replace(setup, drive=drive)
 
 
@@ -17,7 +17,7 @@ EFFECT = Effect(
     id="motor_speed_droop",
     where="drive",
     left_out="speed sags under load and surges after it",
-    law="tau = kp (w_c - w) + ki (theta_c - theta) + what holds the leg at rest",
+    law="tau = kp (w_c - w) + ki (theta_c - theta)",
     source="PI speed control of a rotor",
     parameters=(
         Parameter("kp_Nm_s_per_rad", 0.5, 50.0),

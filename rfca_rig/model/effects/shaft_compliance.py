@@ -10,7 +10,7 @@ RELAXATION_S = 1e-3  # internal damping of the twist: its ringing dies within mi
 
 def apply(setup: Setup, values: Values) -> Setup:
     stiffness = values["stiffness_Nm_per_rad"]
-    return replace(setup, drive=SoftDrive(stiffness, RELAXATION_S * stiffness, 0.0, holds=False))
+    return replace(setup, drive=SoftDrive(stiffness, RELAXATION_S * stiffness, 0.0))
 
 
 EFFECT = Effect(
