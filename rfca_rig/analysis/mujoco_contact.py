@@ -20,7 +20,7 @@ class GroundLaw(NamedTuple):
     stiffness: float
     damping: float
     mu: float
-    grip: float
+    presliding: float
     drag: float
     radius: float
     depth: float
@@ -44,7 +44,7 @@ def ground_law(rig: RigModel, height_m: float) -> GroundLaw:
         g.stiffness_N_per_m1p5,
         g.damping_s_per_m,
         g.friction_coefficient,
-        g.grip_N_per_m,
+        g.presliding_m,
         g.drag_N_s_per_m,
         rig.leg.link_radius_m,
         height_m,
@@ -68,12 +68,12 @@ def push(law: GroundLaw, ends: Ends, anchor: Floats, step_begins: bool, contact:
         N = law.stiffness * indentation**1.5 * (1.0 + law.damping * max(-v_z, 0.0))
         rolled = x - law.radius * angle
         if step_begins:
-            reach = law.mu * N / law.grip
+            reach = law.presliding if N > 0.0 else 0.0
             anchor[k] = min(max(anchor[k], rolled - reach), rolled + reach)
         F = 0.0
         if indentation > 0.0:
-            held = law.grip * (anchor[k] - rolled)
-            F = min(max(held, -law.mu * N), law.mu * N) - law.drag * (v_x - law.radius * turning)
+            held = (anchor[k] - rolled) / law.presliding
+            F = law.mu * N * min(max(held, -1.0), 1.0) - law.drag * (v_x - law.radius * turning)
         contact[0, k], contact[1, k] = N, F
         wrench, centre = ends.wrench[k + 1], ends.mass_centre[k + 1]
         wrench[0], wrench[2] = F, N

@@ -51,7 +51,7 @@ def _stages(folder: Path, campaign: CampaignFile) -> tuple[tuple[StaticStage, ..
 
 def _believed(campaign: CampaignFile) -> dict[str, Any]:
     plain = campaign.model_dump(mode="json", exclude_unset=True)
-    return {name: plain[name] for name in RigSections.model_fields}
+    return {name: plain[name] for name in RigSections.model_fields if name in plain}
 
 
 def _provenance(folder: Path, campaign: CampaignFile, extra: dict[str, Extra]) -> dict[str, str]:

@@ -30,6 +30,7 @@ def crosscheck(
     from rfca_rig.cli.places import find_file
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.errors import BadInput
     from rfca_rig.model.compiled import is_warm
     from rfca_rig.report.crosscheck_picture import check_picture_path, write_crosscheck_picture
 
@@ -37,6 +38,8 @@ def crosscheck(
     if picture is not None:
         check_picture_path(picture)
     model = read_rig(find_file("calibration", rig)).model()
+    if model.effects:
+        raise BadInput(f"{rig}: has effects switched on; MuJoCo computes the plain leg and ground only, take the [[effects]] out")
     plan = read_dynamic(find_file("protocols", protocol))
     conditions = plan.flapping().conditions
     if not is_warm() and not as_json:

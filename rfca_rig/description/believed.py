@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from rfca_rig.description.sections import DriveSection, GroundSection, LegSection, RigSections, SensorSection
+from rfca_rig.description.sections import DriveSection, EffectSection, GroundSection, LegSection, RigSections, SensorSection
 from rfca_rig.description.toml import checked
-from rfca_rig.model.parameters import Drive, Ground, Leg, RigModel, SensorMount
+from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount
+from rfca_rig.model.setup import resolved
 
 
 def believed_model(sections: Mapping[str, Any]) -> RigModel:
@@ -19,7 +20,14 @@ def believed_model(sections: Mapping[str, Any]) -> RigModel:
 
 def model_of(sections: RigSections) -> RigModel:
     """The same from sections that were checked already."""
-    return RigModel(_leg(sections.leg), _ground(sections.ground), _sensor(sections.sensor), _drive(sections.drive))
+    effects = tuple(_effect(effect) for effect in sections.effects)
+    return RigModel(_leg(sections.leg), _ground(sections.ground), _sensor(sections.sensor), _drive(sections.drive), effects)
+
+
+def _effect(effect: EffectSection) -> PresentEffect:
+    present = PresentEffect(effect.id, tuple(effect.parameters.items()))
+    resolved(present)
+    return present
 
 
 def _leg(leg: LegSection) -> Leg:
@@ -39,7 +47,7 @@ def _ground(ground: GroundSection) -> Ground:
         stiffness_N_per_m1p5=ground.contact_stiffness_N_per_m1p5,
         damping_s_per_m=ground.contact_damping_s_per_m,
         friction_coefficient=ground.friction_coefficient,
-        grip_N_per_m=ground.grip_stiffness_N_per_m,
+        presliding_m=ground.presliding_mm / 1e3,
         drag_N_s_per_m=ground.tangential_damping_N_s_per_m,
     )
 

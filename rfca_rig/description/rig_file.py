@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from rfca_rig.description.believed import believed_model
 from rfca_rig.description.sections import (
     DriveSection,
+    Effects,
     GroundSection,
     KnownToSection,
     LegSection,
@@ -103,6 +104,7 @@ class RigFile(Section):
     ground: GroundSection
     sensor: SensorSection
     drive: DriveSection
+    effects: Effects = ()
     known_to: KnownToSection | None = None
     limits: LimitsSection
     motor: MotorSection
@@ -121,7 +123,8 @@ class RigFile(Section):
 
     def believed(self) -> dict[str, Any]:
         """The sections that go into every recording, as plain data."""
-        return self.model_dump(include={"leg", "ground", "sensor", "drive"}, exclude_none=True, mode="json")
+        sections = {"leg", "ground", "sensor", "drive", *({"effects"} if self.effects else ())}
+        return self.model_dump(include=sections, exclude_none=True, mode="json")
 
     def model(self) -> RigModel:
         """The model as believed."""

@@ -57,13 +57,14 @@ class GroundSection(Section):
     Normal force = stiffness * depth^1.5 * (1 + damping * approach speed); Coulomb friction with stick at the lowest point.
     The last two keys are optional, because `rfca-campaign/1` does not state the law of a sticking contact. Their defaults are
     what campaigns with nothing left out show: over 27 strokes fy regressed on fz and slip speed holds a viscous share of
-    1.94 N s/m beside mu N that does not depend on N, and of all grips 3e4 N/m reproduces the touchdown best.
+    1.94 N s/m beside mu N that does not depend on N; and a tie that carries mu N at 0.1 mm reproduces both the touchdown of strokes
+    (a few newtons, 3e4 N/m) and the reversals of static stages (50 N, 2e5 N/m), which no fixed stiffness does.
     """
 
     contact_stiffness_N_per_m1p5: Positive
     contact_damping_s_per_m: NotNegative
     friction_coefficient: Annotated[float, Field(ge=0, le=5)]
-    grip_stiffness_N_per_m: Positive = 3.0e4
+    presliding_mm: Positive = 0.1
     tangential_damping_N_s_per_m: NotNegative = 2.0
 
 
@@ -108,10 +109,21 @@ class KnownToSection(Section):
     contact_stiffness_relative: Positive | None = None
 
 
+class EffectSection(Section):
+    """[[effects]]: a piece of physics switched on, by its id in the catalogue, with a number for each of its parameters."""
+
+    id: str
+    parameters: dict[str, float]
+
+
+Effects = Annotated[tuple[EffectSection, ...], Field(strict=False)]
+
+
 class RigSections(Section):
-    """The four sections that together describe a rig."""
+    """The four sections that together describe a rig, and the effects that are believed to act in it."""
 
     leg: LegSection
     ground: GroundSection
     sensor: SensorSection
     drive: DriveSection
+    effects: Effects = ()

@@ -57,7 +57,7 @@ def chain_of(rig: RigModel, height_m: float) -> Chain:
         contact_stiffness=ground.stiffness_N_per_m1p5,
         contact_damping=ground.damping_s_per_m,
         mu=ground.friction_coefficient,
-        grip=ground.grip_N_per_m,
+        presliding=ground.presliding_m,
         drag=ground.drag_N_s_per_m,
         frame_mass=0.0,
         frame_stiffness=0.0,

@@ -88,30 +88,30 @@ def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) ->
 @compiled
 def add_contacts(chain: Chain, w: Floats, cw: float, cq: float, work: Work) -> None:
     """Ground forces at the located ends, also into `work.contact` (2, n) = N, F; for a chain without effects in its ground."""
-    place, contact, limit = work.place, work.contact, work.limit
+    place, contact = work.place, work.contact
     for k in range(place.shape[0]):
-        contact[0, k] = contact[1, k] = limit[k] = 0.0
+        contact[0, k] = contact[1, k] = 0.0
         if place[k, 0] > 0.0:
             normal = normal_force(chain.contact_stiffness, chain.contact_damping, place[k, 0], place[k, 1])
-            tangential = tangential_force(chain.grip, chain.drag, chain.mu, 0.0, place[k, 2], place[k, 3], normal[0])
-            contact[0, k], contact[1, k], limit[k] = normal[0], tangential[0], chain.mu * normal[0]
+            tangential = tangential_force(chain.presliding, chain.drag, chain.mu, 0.0, place[k, 2], place[k, 3], normal[0])
+            contact[0, k], contact[1, k] = normal[0], tangential[0]
             add_contact(chain, k, normal, tangential, w, cw, cq, work)
 
 
 @compiled
 def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, cw: float, cq: float, work: Work) -> None:
     """The same with laws of effects, and with a frame that yields. Kept apart, as the branches would slow the plain chain."""
-    place, contact, limit = work.place, work.contact, work.limit
+    place, contact = work.place, work.contact
     for k in range(place.shape[0]):
-        contact[0, k] = contact[1, k] = limit[k] = 0.0
+        contact[0, k] = contact[1, k] = 0.0
         if place[k, 0] > 0.0:
             plain = normal_force(chain.contact_stiffness, chain.contact_damping, place[k, 0], place[k, 1])
             more = added_normal_force(laws, place[k, 0], place[k, 1], work)
             normal = (plain[0] + more[0], plain[1] + more[1], plain[2] + more[2])
             factor, factor_v = friction_factor(laws, place[k, 3], work)
             mu, mu_v = chain.mu * factor, chain.mu * factor_v
-            tangential = tangential_force(chain.grip, chain.drag, mu, mu_v, place[k, 2], place[k, 3], normal[0])
-            contact[0, k], contact[1, k], limit[k] = normal[0], tangential[0], mu * abs(normal[0])
+            tangential = tangential_force(chain.presliding, chain.drag, mu, mu_v, place[k, 2], place[k, 3], normal[0])
+            contact[0, k], contact[1, k] = normal[0], tangential[0]
             add_contact(chain, k, normal, tangential, w, cw, cq, work)
             if w.size > place.shape[0]:
                 add_frame_contact(chain, k, normal, tangential, w, cw, cq, work)
@@ -159,5 +159,5 @@ def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
     for k in range(chain.length.size):
         y += work.down[k]
         s = y - chain.radius * q[k]
-        reach = chain.grip if work.contact[0, k] != 0.0 else 0.0
+        reach = chain.presliding if work.contact[0, k] != 0.0 else 0.0
         state.anchor[k] = min(max(state.anchor[k], s - reach), s + reach)

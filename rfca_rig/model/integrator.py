@@ -28,7 +28,7 @@ DONE, STEP_TOO_SHORT = 0, 1
 @compiled
 def room_to_work(coordinates: int, links: int) -> Work:
     """Scratch for a chain of so many links and coordinates."""
-    v, u = np.zeros((10, coordinates)), np.zeros((3, links))
+    v, u = np.zeros((10, coordinates)), np.zeros((2, links))
     contact, force, exchange = np.zeros((2, 2, links)), np.zeros((2, 3)), np.zeros((2, 8))
     return Work(
         R=np.zeros(coordinates),
@@ -50,7 +50,6 @@ def room_to_work(coordinates: int, links: int) -> Work:
         force_old=force[0],
         force=force[1],
         place=np.zeros((links, 4)),
-        limit=u[2],
         outside=np.zeros(2),
         x=exchange[0],
         out=exchange[1],

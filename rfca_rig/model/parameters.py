@@ -25,14 +25,14 @@ class Leg:
 class Ground:
     """A level floor: normal force stiffness * depth^1.5 * (1 + damping * approach speed), Coulomb friction with stick.
 
-    The tangential pair is the floor's own: `grip` is the stiffness that holds a sticking point at its anchor, `drag` a small
-    viscous share that acts on every touching point beside the Coulomb force.
+    The tangential pair is the floor's own: a sticking point yields in proportion to the force, by `presliding` at the limit
+    mu N; `drag` is a small viscous share that acts on every touching point beside the Coulomb force.
     """
 
     stiffness_N_per_m1p5: float
     damping_s_per_m: float
     friction_coefficient: float
-    grip_N_per_m: float
+    presliding_m: float
     drag_N_s_per_m: float
 
 

@@ -44,7 +44,7 @@ class Chain(NamedTuple):
     contact_stiffness: float
     contact_damping: float
     mu: float
-    grip: float
+    presliding: float
     drag: float
     frame_mass: float
     frame_stiffness: float
@@ -108,7 +108,7 @@ class Work(NamedTuple):
 
     `sin`, `cos` are those of the angles last assembled; `down`, `along` (n,) how every end beyond link j moves across and along
     the floor per radian of q_j; `arm` how the middle of a link moves across it per unit of each coordinate; `place` (n, 4) of
-    each end its depth, sinking, stretch and slip; `limit` (n,) what friction can hold at each end [N]; `outside` (2,) the force
+    each end its depth, sinking, stretch and slip; `outside` (2,) the force
     of the surroundings on the leg along y and down; `x` and `out` (8,) go to and from the laws of effects.
     """
 
@@ -131,7 +131,6 @@ class Work(NamedTuple):
     force_old: Floats
     force: Floats
     place: Floats
-    limit: Floats
     outside: Floats
     x: Floats
     out: Floats

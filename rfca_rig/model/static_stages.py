@@ -1,7 +1,7 @@
 """The static experiment in time: the shaft moves to each stage at a speed and stops, the leg settles, then it is read.
 
 At rest the leg remembers how it came there. When a shaft that turned at 1 rad/s stops within some milliseconds, the sliding tip is
-thrown back by some micrometres against the grip of the ground, and its friction falls below mu N by a newton or more; only a shaft that
+thrown back by some micrometres against the ties to the ground, and its friction falls below mu N by a newton or more; only a shaft that
 creeps, or slows down softly, leaves it at the limit, as `static_path` has it. A static table that was measured with brisk moves is
 to be held against these states.
 """

@@ -1,7 +1,7 @@
 """The static experiment: the leg on the ground, the shaft turned in stages and held, friction remembering the way.
 
-The ground is that of `contact`: Hertz under every link end, and an anchor spring of stiffness `grip` whose force is clipped at
-mu N, acting at the lowest point of the end's circle. At rest it has neither damping nor drag. The path is quasi-static: inertia
+The ground is that of `contact`: Hertz under every link end, and a tie to an anchor that carries mu N at the presliding stretch
+and slips beyond, acting at the lowest point of the end's circle. At rest it has neither damping nor drag. The path is quasi-static: inertia
 enters only where no equilibrium continues it, for instance where a link end lifts off with a snap. How fast the shaft went between
 the stages then plays no part; at 1 rad/s it does (see `static_stages`).
 """

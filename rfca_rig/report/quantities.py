@@ -21,6 +21,9 @@ UNITS = {
 }
 
 
+SECTIONS = ("leg", "ground", "sensor", "drive")
+
+
 @dataclass(frozen=True)
 class Quantity:
     """One line of a table of parameters."""
@@ -33,11 +36,13 @@ class Quantity:
 
 def quantities_of(rig: RigModel) -> list[Quantity]:
     """Every parameter of the model, section by section, in a laboratory's units; new ones appear by themselves."""
-    return [
-        _quantity(section.name, parameter.name, getattr(getattr(rig, section.name), parameter.name))
-        for section in fields(rig)
-        for parameter in fields(getattr(rig, section.name))
+    sections = [
+        _quantity(section, parameter.name, getattr(getattr(rig, section), parameter.name))
+        for section in SECTIONS
+        for parameter in fields(getattr(rig, section))
     ]
+    effects = [_quantity("effect", f"{present.id} {name}", value) for present in rig.effects for name, value in present.values]
+    return sections + effects
 
 
 def _quantity(section: str, name: str, value: Any) -> Quantity:

@@ -18,7 +18,7 @@ PAPER = RigModel(
         hinge_damping_Nm_s_per_rad=0.088,
         start_angle_rad=float(np.radians(14.1)),
     ),
-    ground=Ground(1e5, 1.0, 0.41, 3e4, 2.0),
+    ground=Ground(1e5, 1.0, 0.41, 1e-4, 2.0),
     sensor=SensorMount(0.045),
     drive=Drive(0.05),
 )

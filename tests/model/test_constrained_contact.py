@@ -34,7 +34,7 @@ def sliding():
 
 
 def compliant(stiffness, mu):
-    rig = replace(SHORT_LEG, ground=Ground(stiffness, 5.0, mu, 3e5, 0.0))
+    rig = replace(SHORT_LEG, ground=Ground(stiffness, 5.0, mu, 1e-5, 0.0))
     motion = ShaftMotion(np.array([0.0, T[-1]]), np.array([[START_RAD, 0.0, 0.5 * ACCELERATION, 0.0]]), np.zeros(1))
     return stroke_following(rig, HEIGHT_M, motion, T, Tolerance(1e-6, 3e-3))
 

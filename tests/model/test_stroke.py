@@ -87,7 +87,7 @@ def test_a_leg_held_under_load_for_a_minute_keeps_its_tangential_force():
     t, motion = pressed_and_held()
     held = stroke_following(replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.6)), 0.215, motion, t)
     late = held.tangential_N.sum(axis=1)[t > 4.0]
-    assert abs(late[0]) > 0.3
+    assert abs(late[0]) > 0.2
     assert abs(late[0]) < 0.99 * 0.6 * held.normal_N.sum(axis=1)[-1]  # inside the cone: stuck, not about to slide
     assert np.ptp(late) < 1e-3 * abs(late[0])
 

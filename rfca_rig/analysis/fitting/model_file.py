@@ -58,7 +58,7 @@ def fitted_sections(believed: Mapping[str, Any], rig: RigModel) -> dict[str, dic
             "contact_stiffness_N_per_m1p5": ground.stiffness_N_per_m1p5,
             "contact_damping_s_per_m": ground.damping_s_per_m,
             "friction_coefficient": ground.friction_coefficient,
-            "grip_stiffness_N_per_m": ground.grip_N_per_m,
+            "presliding_mm": 1e3 * ground.presliding_m,
             "tangential_damping_N_s_per_m": ground.drag_N_s_per_m,
         },
         "sensor": {**believed["sensor"], "below_shaft_mm": 1e3 * rig.sensor.below_shaft_m},

@@ -48,12 +48,12 @@ def _of_leg(name: str, field: str, unit: str, spread: float, scale: float = 1.0,
     return Parameter(name, unit, True, spread, lambda at: scale * float(getattr(at.rig.leg, field)), write, known_to)
 
 
-def _of_ground(name: str, field: str, unit: str, spread: float, known_to: str | None = None) -> Parameter:
+def _of_ground(name: str, field: str, unit: str, spread: float, known_to: str | None = None, scale: float = 1.0) -> Parameter:
     def write(at: Supposed, value: float) -> Supposed:
-        changed: dict[str, Any] = {field: value}
+        changed: dict[str, Any] = {field: value / scale}
         return replace(at, rig=replace(at.rig, ground=replace(at.rig.ground, **changed)))
 
-    return Parameter(name, unit, True, spread, lambda at: float(getattr(at.rig.ground, field)), write, known_to)
+    return Parameter(name, unit, True, spread, lambda at: scale * float(getattr(at.rig.ground, field)), write, known_to)
 
 
 def _mass_g(at: Supposed) -> float:
@@ -98,7 +98,7 @@ PARAMETERS: Mapping[str, Parameter] = {
         _friction,
         _of_ground("contact_stiffness", "stiffness_N_per_m1p5", "N/m1.5", 0.5, "contact_stiffness_relative"),
         _of_ground("contact_damping", "damping_s_per_m", "s/m", 0.5),
-        _of_ground("grip_stiffness", "grip_N_per_m", "N/m", 0.5),
+        _of_ground("presliding", "presliding_m", "mm", 0.5, scale=1e3),
         _of_ground("tangential_damping", "drag_N_s_per_m", "N s/m", 0.5),
         Parameter("below_shaft", "mm", False, 2.0, lambda at: 1e3 * at.rig.sensor.below_shaft_m, _with_below_shaft),
         Parameter("ramp", "ms", True, 0.2, lambda at: 1e3 * at.rig.drive.ramp_s, _with_ramp),
