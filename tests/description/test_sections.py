@@ -93,7 +93,7 @@ def test_blanks_in_the_hinge_law_do_not_matter(law: str):
         ("k2_per_rad2 = 4.2", "k2_per_rad2 = 4.2\ncolour = 1", "rig.toml:8: leg.colour: unknown key; known are link_lengths_mm, "),
         ("[drive]", "link_lengths_mm = 3\n[drive]", "rig.toml:20: sensor.link_lengths_mm: unknown key; known are below_shaft_mm, "),
         ("[drive]", "[drive", "rig.toml:20: not TOML at column 7: "),
-        ("[drive]\n", "[motor]\n", "rig.toml:20: motor: unknown key; known are leg, ground, sensor, drive (and 1 more)"),
+        ("[drive]\n", "[motor]\n", "rig.toml:20: motor: unknown key; known are leg, ground, sensor, drive, effects (and 1 more)"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_in_a_file_is_one_line(tmp_path: Path, old: str, new: str, said: str):
