@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
@@ -16,6 +17,8 @@ from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.state import Chain, Laws, Shaft, State
 
 Floats = NDArray[np.float64]
+
+PARAMETERS_AT_MOST = 8
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,11 @@ class Setup:
 
     def compiled_laws(self, chain: Chain) -> Laws | None:
         """The laws of effects as the compiled chain wants them; None for a plain chain."""
-        return laws_of(self.laws) if self.laws or chain.frame_mass > 0.0 else None
+        if not self.laws and chain.frame_mass == 0.0:
+            return None
+        for use in self.laws:
+            check(use)
+        return laws_of(self.laws)
 
     def begin(self, chain: Chain, laws: Laws | None) -> tuple[Shaft, State]:
         """The shaft, and the chain at rest before the motion."""
@@ -78,6 +85,18 @@ class Setup:
         for change in self.sensor_changes:
             felt = change(felt)
         return felt
+
+
+def check(use: LawUse) -> None:
+    """Raises BadInput, naming the file, for a law that cannot be compiled or has too many parameters."""
+    code = use.law.__code__
+    if len(use.parameters) > PARAMETERS_AT_MOST:
+        raise BadInput(f"{code.co_filename}: {code.co_name} has {len(use.parameters)} parameters, a law takes {PARAMETERS_AT_MOST} at most")
+    try:
+        laws_of([use])
+    except NumbaError as error:
+        reason = " ".join(str(error).split())
+        raise BadInput(f"{code.co_filename}: {code.co_name} or what it calls cannot be compiled: {reason[:300]}") from error
 
 
 def replace_shaft(shaft: Shaft, drive: SoftDrive, start_rad: float) -> Shaft:
@@ -121,3 +140,10 @@ def with_chain(setup: Setup, change: Callable[[Chain], Chain]) -> Setup:
 def with_sensor(setup: Setup, change: Callable[[Felt], Felt]) -> Setup:
     """The setup with one more change of what is felt."""
     return replace(setup, sensor_changes=(*setup.sensor_changes, change))
+
+
+def with_drive(setup: Setup, drive: SoftDrive) -> Setup:
+    """The setup with a soft drive. Raises BadInput for a second one: two in series need a coordinate that the chain lacks."""
+    if setup.drive is not None:
+        raise BadInput("two effects soften the drive (motor_speed_droop, shaft_compliance); the model takes one at a time, leave one out")
+    return replace(setup, drive=drive)

@@ -1,16 +1,14 @@
 """A drive whose speed sags under load and surges after it: a PI speed loop on a rotor."""
 
-from dataclasses import replace
-
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.setup import Setup, SoftDrive
+from rfca_rig.model.setup import Setup, SoftDrive, with_drive
 
 ROTOR_KG_M2 = 0.006  # motor and gear at the shaft; the sag itself hardly depends on it
 
 
 def apply(setup: Setup, values: Values) -> Setup:
     drive = SoftDrive(values["ki_Nm_per_rad"], values["kp_Nm_s_per_rad"], ROTOR_KG_M2)
-    return replace(setup, drive=drive)
+    return with_drive(setup, drive)
 
 
 EFFECT = Effect(

@@ -1,12 +1,16 @@
 """A shaft speed that varies with the shaft angle."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.setup import Setup
+
+Floats = NDArray[np.float64]
 
 STEP_S = 5e-4
 
@@ -16,26 +20,35 @@ def apply(setup: Setup, values: Values) -> Setup:
 
 
 def rippled(motion: ShaftMotion, amplitude: float, cycles: float) -> ShaftMotion:
-    """d theta/dt = w_c(t) (1 + a cos(n (theta - theta_0))), by the classical fourth-order Runge-Kutta method."""
-    t = np.arange(0.0, motion.breaks_s[-1] + STEP_S, STEP_S)
-    commanded = np.gradient(motion.angle_rad(np.arange(0.0, t[-1] + STEP_S, 0.5 * STEP_S)), 0.5 * STEP_S)
-    start = theta = float(motion.angle_rad(np.zeros(1))[0])
-    angle, speed = [theta], []
-    for k in range(len(t) - 1):
-        rates: list[float] = []
-        for w, share in ((commanded[2 * k], 0.0), (commanded[2 * k + 1], 0.5), (commanded[2 * k + 1], 0.5), (commanded[2 * k + 2], 1.0)):
-            at = theta + share * STEP_S * (rates[-1] if rates else 0.0)
-            rates.append(w * (1.0 + amplitude * np.cos(cycles * (at - start))))
-        speed.append(rates[0])
-        theta += STEP_S / 6.0 * (rates[0] + 2.0 * rates[1] + 2.0 * rates[2] + rates[3])
-        angle.append(theta)
-    return _through(t, np.array(angle), np.array([*speed, speed[-1]]), motion)
+    """The motion that obeys the law. As d theta / d theta_c = 1 + a cos(n (theta - theta_0)), the angle is a function of the
+    commanded one alone: with x = sqrt(1 - a^2) n (theta_c - theta_0) / 2 it is tan(n (theta - theta_0) / 2) = r tan x.
+    """
+    t = _times(motion)
+    start = float(motion.angle_rad(np.zeros(1))[0])
+    r = np.sqrt((1.0 + amplitude) / (1.0 - amplitude))
+    x = np.sqrt(1.0 - amplitude * amplitude) * cycles * (motion.angle_rad(t) - start) / 2.0
+    half = x + np.arctan((r - 1.0) * np.sin(x) * np.cos(x) / (np.cos(x) ** 2 + r * np.sin(x) ** 2))  # tan half = r tan x, on x's branch
+    return _through(t, start + 2.0 * half / cycles, _speed(motion, t) * (1.0 + amplitude * np.cos(2.0 * half)), motion)
 
 
-def _through(t: np.ndarray, angle: np.ndarray, speed: np.ndarray, motion: ShaftMotion) -> ShaftMotion:
-    rise = np.diff(angle) / STEP_S
-    square = (3.0 * rise - 2.0 * speed[:-1] - speed[1:]) / STEP_S
-    cube = (speed[:-1] + speed[1:] - 2.0 * rise) / STEP_S**2
+def _times(motion: ShaftMotion) -> Floats:
+    """From zero to the end, every break of the motion among them."""
+    breaks = np.unique(np.maximum(motion.breaks_s, 0.0))
+    pieces = (np.linspace(t0, t1, int(np.ceil((t1 - t0) / STEP_S)) + 1)[:-1] for t0, t1 in pairwise(breaks))
+    return np.concatenate([*pieces, breaks[-1:]])
+
+
+def _speed(motion: ShaftMotion, t: Floats) -> Floats:
+    i = np.clip(np.searchsorted(motion.breaks_s, t) - 1, 0, len(motion.coefficients) - 1)
+    x, c = t - motion.breaks_s[i], motion.coefficients[i].T
+    return np.asarray(c[1] + x * (2.0 * c[2] + x * 3.0 * c[3]))
+
+
+def _through(t: Floats, angle: Floats, speed: Floats, motion: ShaftMotion) -> ShaftMotion:
+    step = np.diff(t)
+    rise = np.diff(angle) / step
+    square = (3.0 * rise - 2.0 * speed[:-1] - speed[1:]) / step
+    cube = (speed[:-1] + speed[1:] - 2.0 * rise) / step**2
     return ShaftMotion(t, np.column_stack([angle[:-1], speed[:-1], square, cube]), motion.landings_s)
 
 

@@ -1,16 +1,14 @@
 """A twist between motor and leg."""
 
-from dataclasses import replace
-
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.setup import Setup, SoftDrive
+from rfca_rig.model.setup import Setup, SoftDrive, with_drive
 
 RELAXATION_S = 1e-3  # internal damping of the twist: its ringing dies within milliseconds
 
 
 def apply(setup: Setup, values: Values) -> Setup:
     stiffness = values["stiffness_Nm_per_rad"]
-    return replace(setup, drive=SoftDrive(stiffness, RELAXATION_S * stiffness, 0.0))
+    return with_drive(setup, SoftDrive(stiffness, RELAXATION_S * stiffness, 0.0))
 
 
 EFFECT = Effect(

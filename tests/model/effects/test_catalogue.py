@@ -1,0 +1,78 @@
+"""The catalogue: its names are fixed, as reports and diagnoses use them."""
+
+import importlib
+
+import pytest
+
+from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import catalogue
+from tests.model.effects.rigs import paper_stroke
+
+PARAMETERS = {
+    "hinge_coulomb_friction": ("torque_Nm",),
+    "hinge_viscous_damping": ("coefficient_Nm_s_per_rad",),
+    "hinge_backlash": ("half_gap_deg",),
+    "hinge_stop": ("angle_deg", "stiffness_Nm_per_rad"),
+    "spring_hysteresis": ("strength_relative", "saturation_deg"),
+    "spring_relaxation": ("strength_relative", "time_constant_s"),
+    "damaged_hinge": ("hinge", "stiffness_factor"),
+    "stiffness_hardening": ("k2_per_rad2",),
+    "tip_mass": ("mass_g",),
+    "ground_stribeck": ("rise_relative", "speed_m_s"),
+    "ground_compliance": ("stiffness_N_per_m1p5",),
+    "ground_tilt": ("slope",),
+    "ground_adhesion": ("force_N",),
+    "motor_speed_droop": ("kp_Nm_s_per_rad", "ki_Nm_per_rad"),
+    "motor_speed_ripple": ("amplitude_relative", "cycles_per_turn"),
+    "shaft_compliance": ("stiffness_Nm_per_rad",),
+    "frame_compliance": ("frequency_Hz", "moving_mass_kg", "damping_ratio"),
+    "height_offset": ("offset_mm",),
+    "gravity_tilt": ("angle_rad",),
+    "fluid_drag": ("coefficient_N_s2_per_m3",),
+    "sensor_lag": ("time_constant_s",),
+    "clock_offset": ("offset_s",),
+    "sensor_crosstalk": ("fz_per_fy",),
+    "sensor_drift": ("rate_N_per_s",),
+    "sensor_gain": ("factor",),
+    "joint_friction": ("torque_Nm",),
+    "joint_inertia": ("inertia_kg_m2",),
+    "torque_scale": ("factor",),
+    "added_mass": ("mass_kg",),
+}
+NOT_THERE_YET = {"joint_friction", "joint_inertia", "torque_scale"}  # for pendulum-like rigs driven by torque; remove when they come
+
+
+def test_every_name_of_the_table_is_there_and_those_that_are_not_yet_are_known():
+    assert set(PARAMETERS) - set(catalogue()) <= NOT_THERE_YET
+
+
+@pytest.mark.parametrize("id_", sorted(catalogue()))
+def test_an_entry_has_its_names_a_file_of_its_own_a_range_and_words(id_):
+    effect = catalogue()[id_]
+    assert id_ == effect.id
+    assert tuple(parameter.name for parameter in effect.parameters) == PARAMETERS[id_]
+    assert importlib.import_module(f"rfca_rig.model.effects.{id_}").EFFECT is effect
+    assert all(parameter.low < parameter.high for parameter in effect.parameters)
+    assert all((effect.where.strip(), effect.left_out.strip(), effect.law.strip(), effect.source.strip()))
+
+
+def test_an_effect_that_is_not_there_is_refused_in_one_line_with_those_that_are():
+    with pytest.raises(BadInput) as refused:
+        paper_stroke(moonlight={})
+    message = str(refused.value)
+    assert message.count("\n") == 0
+    assert "moonlight" in message
+    assert "hinge_backlash" in message
+
+
+@pytest.mark.parametrize("values", [{}, {"half_gap_rad": 0.1}, {"half_gap_deg": 1.0, "more": 2.0}])
+def test_other_parameters_than_its_own_are_refused_in_one_line(values):
+    with pytest.raises(BadInput, match="hinge_backlash: takes half_gap_deg") as refused:
+        paper_stroke(hinge_backlash=values)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("hinge", [0.0, 1.0, 8.0, float("nan")])
+def test_a_hinge_the_leg_does_not_have_is_refused_in_one_line(hinge):
+    with pytest.raises(BadInput, match=r"damaged_hinge: hinge .* 2 to 7"):
+        paper_stroke(damaged_hinge={"hinge": hinge, "stiffness_factor": 0.5})

@@ -1,0 +1,110 @@
+"""Effects of the drive and of the sensor against other integrators and closed forms."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from rfca_rig.model.motion import ramp_to_speed
+from rfca_rig.model.setup import Felt, set_up
+from rfca_rig.model.stroke import stroke_following
+from tests.model.effects.rigs import NO_GROUND_M, TIGHT, T, having, held, paper_stroke
+from tests.model.legs import PAPER, pendulum
+
+LENGTH, MASS = 0.5, 0.4
+INERTIA = MASS * LENGTH**2 / 3
+MOTION = ramp_to_speed(0.2, 2.0, 0.05, 3.0)
+WEIGHT_Nm = MASS * 9.81 * LENGTH / 2
+
+
+def commanded(t):
+    return (0.2 + 20.0 * t**2, 40.0 * t) if t < 0.05 else (0.25 + 2.0 * (t - 0.05), 2.0)
+
+
+def by_scipy(t, k_angle, k_speed, rotor):
+    def rhs(now, x):
+        angle, speed = commanded(now)
+        torque = k_angle * (angle - x[0]) + k_speed * (speed - x[1])
+        return [x[1], (torque + WEIGHT_Nm * np.cos(x[0])) / (INERTIA + rotor)]
+
+    rest = 0.2
+    for _ in range(100):
+        rest = 0.2 + WEIGHT_Nm * np.cos(rest) / k_angle
+    first = solve_ivp(rhs, (0.0, 0.05), [rest, 0.0], "Radau", t[t <= 0.05], rtol=1e-9, atol=1e-11)
+    begun = solve_ivp(rhs, (0.0, 0.05), [rest, 0.0], "Radau", rtol=1e-9, atol=1e-11).y[:, -1]
+    return np.concatenate([first.y[0], solve_ivp(rhs, (0.05, t[-1]), begun, "Radau", t[t > 0.05], rtol=1e-9, atol=1e-11).y[0]])
+
+
+def test_a_drooping_drive_turns_as_another_integrator_has_the_loop_on_its_rotor():
+    t = np.linspace(0.01, 1.0, 100)
+    rig = having(pendulum(1), motor_speed_droop={"kp_Nm_s_per_rad": 0.6, "ki_Nm_per_rad": 10.0})
+    ours = stroke_following(rig, NO_GROUND_M, MOTION, t, TIGHT)
+    expected = by_scipy(t, 10.0, 0.6, 0.006)
+    assert np.abs(expected - [commanded(x)[0] for x in t]).max() > 0.03
+    assert ours.q_rad[:, 0] == pytest.approx(expected, abs=2e-6)
+
+
+def test_a_leg_behind_a_soft_shaft_moves_as_another_integrator_has_it():
+    t = np.linspace(0.01, 1.0, 100)
+    ours = stroke_following(having(pendulum(1), shaft_compliance={"stiffness_Nm_per_rad": 20.0}), NO_GROUND_M, MOTION, t, TIGHT)
+    assert ours.q_rad[:, 0] == pytest.approx(by_scipy(t, 20.0, 0.02, 0.0), abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    "effect", [{"shaft_compliance": {"stiffness_Nm_per_rad": 20.0}}, {"motor_speed_droop": {"kp_Nm_s_per_rad": 1.0, "ki_Nm_per_rad": 20.0}}]
+)
+def test_at_rest_a_soft_drive_gives_way_by_torque_over_stiffness(effect):
+    stroke = stroke_following(having(PAPER, **effect), NO_GROUND_M, held(0.3), np.array([-0.1, 0.0, 1.0]))
+    assert stroke.shaft_torque_Nm[0] < -0.3
+    assert 20.0 * (0.3 - stroke.shaft_angle_rad) == pytest.approx(stroke.shaft_torque_Nm, abs=1e-6)
+
+
+@pytest.mark.parametrize(("amplitude", "cycles"), [(0.1, 6.0), (0.3, 40.0), (0.01, 1.0)])
+def test_a_rippled_shaft_has_its_law_s_speed(amplitude, cycles):
+    def rhs(now, x):
+        return commanded(now)[1] * (1 + amplitude * np.cos(cycles * (x - 0.2)))
+
+    t = np.linspace(0.0, 3.0, 301)
+    ours = set_up(having(pendulum(1), motor_speed_ripple={"amplitude_relative": amplitude, "cycles_per_turn": cycles}), 1.0, MOTION).motion
+    other = solve_ivp(rhs, (0.0, 3.0), [0.2], "DOP853", t, rtol=1e-10, atol=1e-11, max_step=0.01).y[0]
+    assert ours.angle_rad(t) == pytest.approx(other, abs=2e-6)
+    assert set(MOTION.landings_s) <= set(ours.breaks_s)
+
+
+def felt(t, **effects):
+    setup = set_up(having(PAPER, **effects), 0.2, held(0.2))
+    return setup.felt(Felt(t, np.sin(3 * t), np.maximum(t, 0.0) * 7.0 + 2.0, np.cos(3 * t)))
+
+
+def test_a_lagging_sensor_follows_a_ramp_behind_by_its_time_constant():
+    tau, t = 0.03, np.sort(np.concatenate([[0.0], np.random.default_rng(1).uniform(-0.1, 0.4, 400)]))
+    after = np.maximum(t, 0.0)
+    expected = 2.0 + 7.0 * (after - tau * (1.0 - np.exp(-after / tau)))
+    assert felt(t, sensor_lag={"time_constant_s": tau}).fz_N == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_lag_reaches_all_channels():
+    t = np.linspace(-2.0, 2.0, 4001)
+    late = felt(t, sensor_lag={"time_constant_s": 0.03})
+    gain, phase = 1 / np.hypot(1, 0.09), np.arctan(0.09)
+    assert late.fy_N[2000:] == pytest.approx(gain * np.sin(3 * t - phase)[2000:], abs=1e-6)
+    assert late.tx_Nm[2000:] == pytest.approx(gain * np.cos(3 * t - phase)[2000:], abs=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.02, -0.02])
+def test_a_clock_behind_shows_the_force_later(offset):
+    t = np.linspace(-1.0, 1.0, 20001)
+    late, inside = felt(t, clock_offset={"offset_s": offset}), slice(300, -300)
+    assert late.fy_N[inside] == pytest.approx(np.sin(3 * (t - offset))[inside], abs=1e-7)
+    assert late.tx_Nm[inside] == pytest.approx(np.cos(3 * (t - offset))[inside], abs=1e-7)
+    assert late.fz_N[inside] == pytest.approx((np.maximum(t - offset, 0.0) * 7.0 + 2.0)[inside], abs=1e-3)
+
+
+def test_crosstalk_drift_and_gain_act_in_the_order_they_are_given():
+    plain = paper_stroke()
+    leak, drift, gain = {"fz_per_fy": 0.1}, {"rate_N_per_s": 2.0}, {"factor": 1.1}
+    stroke = paper_stroke(sensor_crosstalk=leak, sensor_drift=drift, sensor_gain=gain)
+    assert stroke.fz_N == pytest.approx(1.1 * (plain.fz_N + 0.1 * plain.fy_N + 2.0 * T), abs=1e-9)
+    assert stroke.fy_N == pytest.approx(1.1 * plain.fy_N, abs=1e-9)
+    assert stroke.tx_Nm == pytest.approx(1.1 * plain.tx_Nm, abs=1e-9)
+    assert stroke.shaft_torque_Nm == pytest.approx(plain.shaft_torque_Nm, abs=1e-12)  # the motor's, not the sensor's
+    assert paper_stroke(sensor_gain=gain, sensor_drift=drift).fz_N == pytest.approx(1.1 * plain.fz_N + 2.0 * T, abs=1e-9)

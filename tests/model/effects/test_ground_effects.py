@@ -1,0 +1,89 @@
+"""Effects of the ground against geometry and closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfca_rig.model.motion import ramp_to_speed
+from rfca_rig.model.parameters import Ground
+from rfca_rig.model.setup import set_up
+from rfca_rig.model.stroke import stroke_following
+from tests.model.effects.rigs import T, Tolerance, having, held, paper_stroke, through
+from tests.model.legs import PAPER, pendulum
+
+STIFF = replace(pendulum(1, 0.3, 0.2), ground=Ground(1e5, 0.0, 0.0, 3e4, 0.0))  # one rigid link: the shaft says where its end is
+FINE = Tolerance(1e-6, 3e-3)
+
+
+def stroke_of(rig, height_m, start_rad):
+    return stroke_following(rig, height_m, ramp_to_speed(start_rad, 2.433, 0.05, float(T[-1])), T, FINE)
+
+
+@pytest.mark.parametrize("slope", [0.1, -0.07])
+def test_a_tilted_floor_is_a_tilted_gravity_seen_from_the_floor(slope):
+    """Turned by the slope's angle, the same stroke: less height along the normal, gravity aside, shaft angles shifted."""
+    angle, start = np.arctan(slope), PAPER.leg.start_angle_rad
+    tilted = stroke_of(having(PAPER, ground_tilt={"slope": slope}), 0.215, start)
+    turned = stroke_of(having(PAPER, gravity_tilt={"angle_rad": -angle}), 0.215 * np.cos(angle), start + angle)
+    falling = T < 0.8
+    assert tilted.q_rad[falling] == pytest.approx(turned.q_rad[falling] - angle, abs=3e-6)
+    assert tilted.normal_N[falling] == pytest.approx(turned.normal_N[falling], abs=5e-3)
+    c, s = np.cos(angle), np.sin(angle)
+    assert tilted.fz_N[falling] == pytest.approx((c * turned.fz_N + s * turned.fy_N)[falling], abs=5e-3)
+    assert tilted.fy_N[falling] == pytest.approx((c * turned.fy_N - s * turned.fz_N)[falling], abs=5e-3)
+
+
+@pytest.mark.parametrize("slope", [0.1, -0.1])
+def test_a_rigid_link_rests_as_deep_in_a_sloping_floor_as_geometry_says_and_is_pushed_along_the_normal(slope):
+    angle = 0.8
+    c, s = 1 / np.hypot(1, slope), slope / np.hypot(1, slope)
+    height = (0.3 * np.sin(angle) + slope * 0.3 * np.cos(angle)) - 1e-3 / c  # the end 1 mm in, across a floor at -height + slope y
+    stroke = stroke_following(having(STIFF, ground_tilt={"slope": slope}), height, held(angle), np.array([-0.1, 0.0, 0.1]))
+    normal = 1e5 * 1e-3**1.5
+    assert stroke.normal_N[:, 0] == pytest.approx(normal, rel=1e-9)
+    assert stroke.fz_N == pytest.approx(0.2 * 9.81 - normal * c, rel=1e-9)
+    assert stroke.fy_N == pytest.approx(normal * s, rel=1e-9)  # the floor pushes the leg towards -y where it rises towards +y
+
+
+def test_a_soft_floor_yields_besides_the_contact():
+    angle, depth = 0.8, 3e-3
+    soft = having(STIFF, ground_compliance={"stiffness_N_per_m1p5": 2e4})
+    N = stroke_following(soft, 0.3 * np.sin(angle) - depth, held(angle), np.array([0.0, 0.1])).normal_N[:, 0]
+    assert pytest.approx(depth, rel=1e-9) == (N / 1e5) ** (2 / 3) + (N / 2e4) ** (2 / 3)
+
+
+def test_at_lift_off_an_adhesive_floor_pulls_the_leg_down_with_its_force_and_then_lets_go():
+    force, down, up = 2.0, 0.8, 0.7
+    height = 0.3 * np.sin(0.75)
+    t = np.linspace(0.0, 10.0, 10001)
+    sticky = having(STIFF, ground_adhesion={"force_N": force})
+    stroke = stroke_following(sticky, height, through([0.0, 10.0], [down, up]), t)
+    depth = np.linspace(0.0, 1e-3, 100001)
+    most = (1e5 * depth**1.5 - force * (1 - np.exp(-depth / 5e-5))).min()
+    assert -force < most < -0.5 * force
+    assert stroke.normal_N.min() == pytest.approx(most, rel=5e-3)
+    assert stroke.fz_N.max() == pytest.approx(0.2 * 9.81 - most, rel=5e-3)
+    assert stroke.fz_N[-1] == pytest.approx(0.2 * 9.81, abs=1e-3)
+
+
+def test_friction_falls_with_sliding_speed_as_the_law_says():
+    stroke = paper_stroke(FINE, ground_stribeck={"rise_relative": 0.3, "speed_m_s": 0.4})
+    w = np.gradient(stroke.q_rad, T, axis=0)
+    slip = (-np.array(PAPER.leg.link_lengths_m) * np.sin(stroke.q_rad) * w).sum(axis=1) - 0.003 * w[:, -1]
+    sliding = (T > 0.6) & (T < 0.95)
+    mu = 0.41 * (1 + 0.3 * np.exp(-np.abs(slip) / 0.4))
+    assert stroke.tangential_N[sliding, -1] == pytest.approx((mu * stroke.normal_N[:, -1] - 2.0 * slip)[sliding], abs=0.02)
+    assert np.ptp(mu[sliding]) > 0.005
+
+
+def test_a_rack_that_stands_higher_is_the_stroke_from_there():
+    offset, higher = paper_stroke(height_offset={"offset_mm": 4.0}), having(PAPER)
+    there = stroke_following(higher, 0.219, ramp_to_speed(PAPER.leg.start_angle_rad, 2.433, 0.05, float(T[-1])), T)
+    assert offset.fz_N == pytest.approx(there.fz_N, abs=1e-9)
+
+
+def test_adhesion_s_slope_is_its_derivative_where_it_takes_hold():
+    (law,) = set_up(having(STIFF, ground_adhesion={"force_N": 2.0}), 0.2, held(0.1)).laws
+    low, middle, high = (law.law(depth, 0.0, [0.0] * 4, law.parameters) for depth in (3e-5 - 1e-9, 3e-5, 3e-5 + 1e-9))
+    assert (high[0] - low[0]) / 2e-9 == pytest.approx(middle[1], rel=1e-5)

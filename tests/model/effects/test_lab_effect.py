@@ -1,0 +1,66 @@
+"""An effect from a lab's own folder, as docs/add-an-effect.md describes it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import FOLDER_VARIABLE, catalogue
+from tests.model.effects.rigs import having, paper_stroke, released
+from tests.model.legs import pendulum
+
+LAB = Path(__file__).parent / "lab"
+GUIDE = Path(__file__).parents[3] / "docs" / "add-an-effect.md"
+
+
+def test_a_lab_s_own_effect_damps_as_its_law_says(monkeypatch):
+    monkeypatch.setenv(FOLDER_VARIABLE, str(LAB))
+    c, inertia, w0 = 0.02, 0.4 * 0.5**2 / 3, 3.0
+    t = np.linspace(0.01, 1.0, 100)
+    rig = having(pendulum(2, k0=1e-9), cubic_damping={"coefficient_Nm_s3_per_rad3": c})
+    w = released(rig, [0.0, 0.0], t, speed_rad_s=w0).w[:, 1]
+    assert w == pytest.approx(w0 / np.sqrt(1.0 + 2.0 * c * w0**2 * t / inertia), rel=1e-4)
+
+
+def test_a_lab_s_own_effect_changes_the_stroke_and_is_gone_without_its_folder(monkeypatch):
+    values = {"coefficient_Nm_s3_per_rad3": 0.01}
+    plain = paper_stroke()
+    monkeypatch.setenv(FOLDER_VARIABLE, str(LAB))
+    assert abs(paper_stroke(cubic_damping=values).fz_N - plain.fz_N).max() > 0.1
+    monkeypatch.delenv(FOLDER_VARIABLE)
+    with pytest.raises(BadInput, match="cubic_damping: not in the catalogue"):
+        paper_stroke(cubic_damping=values)
+
+
+def test_the_guide_shows_the_very_file_that_is_tested():
+    assert (LAB / "cubic_damping.py").read_text() in GUIDE.read_text()
+
+
+@pytest.mark.parametrize("content", ["def torque(:\n", "import no_such_module\n", "EFFECT = 3\n", "1 / 0\n", ""])
+def test_a_broken_file_gives_one_line_that_names_it(content, tmp_path, monkeypatch):
+    (tmp_path / "broken.py").write_text(content)
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    with pytest.raises(BadInput, match=r"broken\.py") as refused:
+        catalogue()
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("rate**3", "open(rate)"), ('values["coefficient_Nm_s3_per_rad3"],', "0.0,) * 9 + ("), (", 3.0 * parameter[0] * rate**2", "")],
+)
+def test_a_law_that_cannot_be_compiled_or_called_gives_one_line_that_names_its_file(old, new, tmp_path, monkeypatch):
+    text = (LAB / "cubic_damping.py").read_text()
+    assert old in text
+    (tmp_path / "wrong_law.py").write_text(text.replace(old, new, 1))
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    with pytest.raises(BadInput, match=r"wrong_law\.py: torque") as refused:
+        paper_stroke(cubic_damping={"coefficient_Nm_s3_per_rad3": 0.01})
+    assert "\n" not in str(refused.value)
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "nowhere"))
+    with pytest.raises(BadInput, match="nowhere"):
+        catalogue()

@@ -1,0 +1,135 @@
+"""Effects of the rig, the tip and the surroundings against closed forms and balances of momentum."""
+
+import numpy as np
+import pytest
+
+from rfca_rig.model.chain import at_rest
+from rfca_rig.model.motion import ramp_to_speed
+from rfca_rig.model.setup import set_up
+from rfca_rig.model.stroke import stroke_following
+from tests.model.effects.rigs import NO_GROUND_M, T, Tolerance, having, held, paper_stroke, released, resting
+from tests.model.legs import PAPER, pendulum
+
+LENGTHS, MASSES = np.array(PAPER.leg.link_lengths_m), np.array(PAPER.leg.link_masses_kg)
+FINE = Tolerance(1e-6, 3e-3)
+
+
+def across(stroke, w):
+    """Speed of the middle of every link across it, and its unit vectors along y and down."""
+    sin, cos = np.sin(stroke.q_rad), np.cos(stroke.q_rad)
+    v_y, v_d = np.cumsum(-LENGTHS * sin * w, axis=1), np.cumsum(LENGTHS * cos * w, axis=1)
+    v_y, v_d = v_y + 0.5 * LENGTHS * sin * w, v_d - 0.5 * LENGTHS * cos * w
+    return -sin * v_y + cos * v_d, -sin, cos
+
+
+def momentum_rates(stroke, extra_tip_kg=0.0):
+    """(along y, down) of the leg's momentum, by second differences of places."""
+    sin, cos = np.sin(stroke.q_rad), np.cos(stroke.q_rad)
+    ends = np.cumsum(LENGTHS * cos, axis=1), np.cumsum(LENGTHS * sin, axis=1)
+    places = ((end - 0.5 * LENGTHS * part) @ MASSES + extra_tip_kg * end[:, -1] for end, part in zip(ends, (cos, sin), strict=True))
+    return tuple(np.gradient(np.gradient(place, T), T) for place in places)
+
+
+@pytest.mark.parametrize("ratio", [0.02, 0.3])
+def test_a_frame_rings_down_at_its_frequency_and_damping(ratio):
+    """With the leg hanging straight down it sinks with the frame: its mass adds to the moving one, no moment turns it."""
+    frequency, mass, leg = 8.0, 5.0, 0.4
+    effect = {"frequency_Hz": frequency, "moving_mass_kg": mass, "damping_ratio": ratio}
+    t = np.linspace(1e-3, 0.6, 600)
+    samples = released(having(pendulum(1), frame_compliance=effect), [np.pi / 2, 1e-3], t, gravity=9.81)
+    rate = 2 * np.pi * frequency
+    decay, own = ratio * rate * mass / (mass + leg), rate * np.sqrt(mass / (mass + leg))
+    turning = np.sqrt(own**2 - decay**2)
+    expected = 1e-3 * np.exp(-decay * t) * (np.cos(turning * t) + decay / turning * np.sin(turning * t))
+    assert samples.q[:, 1] == pytest.approx(expected, abs=1e-6)
+    accelerated = -(own**2) * samples.q[:, 1] - 2 * decay * samples.w[:, 1]
+    assert samples.force[:, 1] == pytest.approx(leg * (9.81 - accelerated), abs=2e-3)
+
+
+def test_a_frame_is_driven_by_just_what_the_sensor_feels():
+    m, rate, ratio = 0.5, 2 * np.pi * 12.0, 0.1
+    stroke = paper_stroke(FINE, frame_compliance={"frequency_Hz": 12.0, "moving_mass_kg": m, "damping_ratio": ratio})
+    sunk = [0.0, 0.0]
+    traced, push = [], stroke.fz_N - 0.32 * 9.81
+    h = T[1] - T[0]
+    for k in range(1, len(T)):
+        for part in range(20):  # semi-implicit Euler on a fine grid
+            force = push[k - 1] + (part + 0.5) / 20 * (push[k] - push[k - 1])
+            sunk[1] += h / 20 * (force / m - 2 * ratio * rate * sunk[1] - rate**2 * sunk[0])
+            sunk[0] += h / 20 * sunk[1]
+        traced.append(sunk[0])
+    y_dd, d_dd = momentum_rates(stroke)
+    leg = 0.32 * np.gradient(np.gradient(np.array([0.0, *traced]), T), T)
+    part = (T > 0.45) & (T < 0.9)
+    felt = 0.32 * 9.81 - stroke.normal_N.sum(axis=1) - d_dd - leg
+    assert stroke.fz_N[part] == pytest.approx(felt[part], abs=0.15)
+    assert np.abs(leg[part]).max() > 0.3
+    assert stroke.fy_N[part] == pytest.approx((y_dd - stroke.tangential_N.sum(axis=1))[part], abs=0.15)
+
+
+def test_a_mass_at_the_tip_weighs_and_is_carried_along():
+    stroke = paper_stroke(FINE, tip_mass={"mass_g": 50.0})
+    y_dd, d_dd = momentum_rates(stroke, 0.05)
+    assert stroke.fz_N[T < 0] == pytest.approx(0.37 * 9.81)
+    part = (T > 0.45) & (T < 0.95)
+    assert stroke.fz_N[part] == pytest.approx((0.37 * 9.81 - stroke.normal_N.sum(axis=1) - d_dd)[part], abs=0.15)
+    assert stroke.fy_N[part] == pytest.approx((y_dd - stroke.tangential_N.sum(axis=1))[part], abs=0.15)
+
+
+def test_a_tip_mass_in_grams_is_an_added_mass_in_kilograms():
+    t = np.linspace(0.01, 0.3, 30)
+    grams, kilograms = (
+        stroke_following(having(pendulum(1), **effect), NO_GROUND_M, ramp_to_speed(0.2, 2.0, 0.05, 1.0), t)
+        for effect in ({"tip_mass": {"mass_g": 100.0}}, {"added_mass": {"mass_kg": 0.1}})
+    )
+    w, angle = 2.0, grams.shaft_angle_rad
+    turning = t > 0.06
+    assert grams.fz_N == pytest.approx(kilograms.fz_N, abs=1e-12)
+    assert grams.fz_N[turning] == pytest.approx((0.5 * 9.81 + (0.4 * 0.25 + 0.1 * 0.5) * w**2 * np.sin(angle))[turning], rel=3e-5)
+    assert grams.shaft_torque_Nm[turning] == pytest.approx((-9.81 * (0.4 * 0.25 + 0.1 * 0.5) * np.cos(angle))[turning], rel=3e-5)
+
+
+@pytest.mark.parametrize("speed", [2.0, -2.0])
+def test_a_link_turning_in_a_fluid_needs_the_power_of_its_drag(speed):
+    c, length, mass = 3.0, 0.5, 0.4
+    t = np.linspace(0.1, 0.5, 30)
+    rig = having(pendulum(1), fluid_drag={"coefficient_N_s2_per_m3": c})
+    stroke = stroke_following(rig, NO_GROUND_M, ramp_to_speed(0.2, speed, 0.05, 1.0), t, Tolerance(1e-8, 3e-5))
+    angle, v = stroke.shaft_angle_rad, speed * length / 2
+    weight_Nm = mass * 9.81 * length / 2 * np.cos(angle)
+    assert (stroke.shaft_torque_Nm + weight_Nm) * speed == pytest.approx(c * length * abs(v) ** 3, rel=3e-5)
+    drag = -c * length * v * abs(v)
+    assert stroke.fz_N == pytest.approx(mass * 9.81 + drag * np.cos(angle) + mass * length / 2 * speed**2 * np.sin(angle), rel=3e-5)
+    assert stroke.fy_N == pytest.approx(drag * np.sin(angle) - mass * length / 2 * speed**2 * np.cos(angle), rel=3e-5)
+
+
+def test_the_sensor_feels_the_drag_on_every_link():
+    stroke = paper_stroke(FINE, fluid_drag={"coefficient_N_s2_per_m3": 50.0})
+    v, along_y, down = across(stroke, np.gradient(stroke.q_rad, T, axis=0))
+    drag = -50.0 * LENGTHS * v * np.abs(v)
+    y_dd, d_dd = momentum_rates(stroke)
+    part = (T > 0.45) & (T < 0.95)
+    fz = 0.32 * 9.81 - stroke.normal_N.sum(axis=1) + (drag * down).sum(axis=1) - d_dd
+    fy = y_dd - stroke.tangential_N.sum(axis=1) - (drag * along_y).sum(axis=1)
+    assert np.abs((drag * down).sum(axis=1)[part]).max() > 0.2
+    assert stroke.fz_N[part] == pytest.approx(fz[part], abs=0.1)
+    assert stroke.fy_N[part] == pytest.approx(fy[part], abs=0.1)
+
+
+def test_drag_takes_its_power_out_of_a_swinging_leg():
+    t = np.linspace(0.001, 0.4, 400)
+    rig = having(pendulum(2, 0.3, 0.2, k0=1e-9), fluid_drag={"coefficient_N_s2_per_m3": 5.0})
+    samples = released(rig, [0.0, 0.0], t, speed_rad_s=8.0)
+    energy = 0.5 * 0.2 * 0.3**2 / 3 * samples.w[:, 1] ** 2
+    power = 5.0 * 0.3 * np.abs(0.15 * samples.w[:, 1]) ** 3
+    assert np.diff(energy).sum() == pytest.approx(-np.trapezoid(power, t), rel=1e-4)
+
+
+@pytest.mark.parametrize("angle", [0.05, -0.05])
+def test_out_of_plumb_the_weight_pulls_along_y_too(angle):
+    setup, state = resting(having(PAPER, gravity_tilt={"angle_rad": angle}), 0.3)
+    stroke = stroke_following(setup.rig, NO_GROUND_M, held(0.3), np.array([-0.1, 0.0, 0.5]))
+    assert stroke.fy_N == pytest.approx(-0.32 * 9.81 * np.sin(angle), rel=1e-6)  # the sensor's y points against the plane's
+    assert stroke.fz_N == pytest.approx(0.32 * 9.81 * np.cos(angle), rel=1e-6)
+    plumb = set_up(PAPER, NO_GROUND_M, held(0.3 + angle)).chain()
+    assert at_rest(plumb, 0.3 + angle).q - angle == pytest.approx(state.q, abs=1e-9)
