@@ -8,7 +8,12 @@ import typer
 from rfca_rig.cli.options import Dry, Json, Rig, Runs, Seed
 
 if TYPE_CHECKING:
+    from rfca_rig.analysis.phases import Refused
+    from rfca_rig.analysis.valley import Valley
+    from rfca_rig.bench.recorder import Recorder
+    from rfca_rig.cli.terminal import Say
     from rfca_rig.description.protocol_file import DynamicFile
+    from rfca_rig.protocol.plan import Stage
     from rfca_rig.recording.form import Stroke
 
 app = typer.Typer(help="The dynamic experiment: flap against the ground, record force and shaft over time.", no_args_is_help=True)
@@ -21,8 +26,8 @@ def _group() -> None:
 
 @app.command()
 def run(
-    height: Annotated[float | None, typer.Option("--height", metavar="MM", help="Height of the shaft above the ground [mm].")] = None,
-    speed: Annotated[float | None, typer.Option("--speed", metavar="RAD/S", help="Speed of the shaft [rad/s].")] = None,
+    height: Annotated[float | None, typer.Option("--height", metavar="MM", help="Height of the shaft above the ground, in mm.")] = None,
+    speed: Annotated[float | None, typer.Option("--speed", metavar="RAD/S", help="Speed of the shaft, in rad/s.")] = None,
     repeats: Annotated[int | None, typer.Option("--repeats", min=1, help="Strokes per condition.")] = None,
     protocol: Annotated[
         str, typer.Option("--protocol", metavar="NAME|FILE", help="The protocol: a name in protocols/, or a .toml file.")
@@ -70,7 +75,7 @@ def _as_asked(protocol: "DynamicFile", height_mm: float | None, speed_rad_s: flo
     return DynamicFile.model_validate(protocol.model_copy(update=changes).model_dump())
 
 
-def _say_valley(stage: Any, recorder: Any, say: Any) -> None:
+def _say_valley(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
     from rfca_rig.analysis.valley import stroke_valley
     from rfca_rig.protocol.plan import Flap
 
@@ -78,7 +83,7 @@ def _say_valley(stage: Any, recorder: Any, say: Any) -> None:
         say(f"{stage.label}: {valley_text(stroke_valley(recorder.strokes[-1]))}")
 
 
-def valley_text(valley: Any) -> str:
+def valley_text(valley: "Valley | Refused") -> str:
     """A valley, or why there is none, for a line of output."""
     from rfca_rig.analysis.valley import Valley
 

@@ -1,13 +1,16 @@
 """rfca-rig static run"""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rfca_rig.cli.options import Dry, Json, Rig, Runs, Seed
 
 if TYPE_CHECKING:
+    from rfca_rig.bench.recorder import Recorder
+    from rfca_rig.cli.terminal import Say
+    from rfca_rig.protocol.plan import Stage
     from rfca_rig.recording.form import StaticStage
 
 app = typer.Typer(help="The static experiment: turn the shaft in stages, let the leg settle, measure.", no_args_is_help=True)
@@ -55,7 +58,7 @@ def run(
         )
 
 
-def _say_stage(stage: Any, recorder: Any, say: Any) -> None:
+def _say_stage(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
     from rfca_rig.protocol.plan import Hold
 
     if isinstance(stage, Hold):
