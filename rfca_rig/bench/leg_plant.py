@@ -6,10 +6,11 @@ from math import sin
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import HELD, Tolerance, advance, at_rest, room_for
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.setup import Setup, set_up
+from rfca_rig.model.setup import set_up
 from rfca_rig.model.state import Chain, Laws, Shaft, State
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
 
@@ -39,7 +40,6 @@ class LegPlant:
     _now_s: float = 0.0
     _step_s: float = 1e-4
     _airborne_s: float = 0.0
-    _setup: Setup = field(init=False)
     _chain: Chain = field(init=False)
     _laws: Laws | None = field(init=False)
     _state: State = field(init=False)
@@ -50,9 +50,12 @@ class LegPlant:
 
     def _stand(self, shaft_angle_rad: float) -> None:
         """The leg hangs anew, at rest, at the present height."""
-        self._setup = set_up(self.rig, self.height_m, ramp_to_speed(shaft_angle_rad, 0.0, 1.0, 1.0))
-        self._chain = self._setup.chain()
-        self._laws = self._setup.compiled_laws(self._chain)
+        still = ramp_to_speed(shaft_angle_rad, 0.0, 1.0, 1.0)
+        setup = set_up(self.rig, self.height_m, still)
+        if setup.drive is not None or setup.sensor_changes or setup.motion is not still:
+            raise BadInput("the twin has a drive and a sensor of its own; leave effects that act there out of its rig file")
+        self._chain = setup.chain()
+        self._laws = setup.compiled_laws(self._chain)
         self._state = at_rest(self._chain, shaft_angle_rad, self._laws)
 
     def advance(self, to_s: float, drive: ShaftDrive, force_times_s: Floats) -> Floats:

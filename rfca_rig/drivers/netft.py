@@ -9,6 +9,7 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.netbox_status import WARNINGS, status_text
 from rfca_rig.codecs.rdt import RdtCommand, Records, decode_records, encode_request
+from rfca_rig.drivers.blocks import join
 from rfca_rig.drivers.datagrams import Datagrams
 from rfca_rig.drivers.record_sequence import RecordSequence
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
@@ -93,7 +94,7 @@ class NetFtSensor:
         blocks = [block for datagram in self._datagrams.receive_all() if (block := self._decoded(datagram)) is not None]
         if not blocks or not self._running:
             return NOTHING
-        records = blocks[0] if len(blocks) == 1 else _joined(blocks)
+        records = blocks[0] if len(blocks) == 1 else join(blocks)
         picked, numbers = self._sequence.take(records.rdt_sequence)
         if len(picked) < len(records.status) or len(blocks) > 1:
             records = _picked(records, picked)
@@ -168,15 +169,6 @@ class NetFtSensor:
 
 
 NOTHING = ForceSamples(np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0, np.uint32), np.empty((0, 6), np.int32))
-
-
-def _joined(blocks: list[Records]) -> Records:
-    return Records(
-        np.concatenate([block.rdt_sequence for block in blocks]),
-        np.concatenate([block.ft_sequence for block in blocks]),
-        np.concatenate([block.status for block in blocks]),
-        np.concatenate([block.counts for block in blocks]),
-    )
 
 
 def _picked(records: Records, rows: NDArray[np.int64]) -> Records:

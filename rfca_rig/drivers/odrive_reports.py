@@ -6,6 +6,7 @@ import numpy as np
 from rfca_rig.clock import Clock
 from rfca_rig.codecs import cansimple, odrive_messages
 from rfca_rig.codecs.odrive_messages import EncoderEstimates, Heartbeat, Iq, Torques, Version
+from rfca_rig.drivers.blocks import join
 from rfca_rig.drivers.frame_count import FrameCount
 from rfca_rig.drivers.odrive_scale import OdriveSettings
 from rfca_rig.drivers.roles import ShaftSamples
@@ -51,7 +52,7 @@ class OdriveReports:
     def samples(self) -> ShaftSamples:
         """Everything drained since the last call."""
         blocks, self._samples = self._samples, []
-        return blocks[0] if len(blocks) == 1 else _joined(blocks)
+        return join([NOTHING, *blocks])
 
     @property
     def lost_frames(self) -> int:
@@ -134,6 +135,4 @@ def _raise_if_off(error_class: int) -> None:
         raise DeviceError("CAN bus is off after too many errors; check wiring and bit rate, then restart the interface")
 
 
-def _joined(blocks: list[ShaftSamples]) -> ShaftSamples:
-    names = ("host_s", "device_s", "angle_rad", "speed_rad_s", "torque_Nm")
-    return ShaftSamples(*(np.concatenate([np.empty(0), *(getattr(block, name) for block in blocks)]) for name in names))
+NOTHING = ShaftSamples(*(np.empty(0) for _ in range(5)))

@@ -1,14 +1,9 @@
 """Collects what the devices report while a stage is recorded."""
 
-from collections.abc import Sequence
-from dataclasses import fields
-from typing import TypeVar
-
 import numpy as np
 
+from rfca_rig.drivers.blocks import join
 from rfca_rig.drivers.roles import ForceSamples, ShaftSamples
-
-Block = TypeVar("Block", ShaftSamples, ForceSamples)
 
 
 class Tap:
@@ -27,12 +22,6 @@ class Tap:
 
     def force(self) -> ForceSamples:
         return join(self._force)
-
-
-def join(blocks: Sequence[Block]) -> Block:
-    """The blocks one after the other, column by column."""
-    kind = type(blocks[0])
-    return kind(*(np.concatenate([getattr(block, column.name) for block in blocks]) for column in fields(kind)))
 
 
 def host_offset_s(host_s: np.ndarray, device_s: np.ndarray) -> float:

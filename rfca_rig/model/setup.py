@@ -77,7 +77,7 @@ class Setup:
         start_rad = float(self.motion.angle_rad(np.zeros(1))[0])
         if self.drive is None:
             return self.motion.shaft(), at_rest(chain, start_rad, laws)
-        soft = replace_shaft(self.motion.shaft(), self.drive, start_rad)
+        soft = softened(self.motion.shaft(), self.drive, start_rad)
         return soft, at_rest(chain, start_rad, laws, soft)
 
     def felt(self, felt: Felt) -> Felt:
@@ -99,7 +99,7 @@ def check(use: LawUse) -> None:
         raise BadInput(f"{code.co_filename}: {code.co_name} or what it calls cannot be compiled: {reason[:300]}") from error
 
 
-def replace_shaft(shaft: Shaft, drive: SoftDrive, start_rad: float) -> Shaft:
+def softened(shaft: Shaft, drive: SoftDrive, start_rad: float) -> Shaft:
     """The commanded shaft with a soft drive between command and leg."""
     return shaft._replace(
         free=True, rotor=drive.rotor_kg_m2, k_angle=drive.angle_gain_Nm_per_rad, k_speed=drive.speed_gain_Nm_s_per_rad, angle=start_rad

@@ -8,6 +8,8 @@ import pytest
 from rfca_rig.bench.expectation import expected_loads
 from rfca_rig.bench.leg_plant import LegPlant, Scatter
 from rfca_rig.description.protocol_file import read_static
+from rfca_rig.errors import BadInput
+from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.stroke import stroke_following
 from rfca_rig.protocol.experiments import static_plan
 from rfca_rig.protocol.plan import Hold, MoveShaft
@@ -70,3 +72,25 @@ def test_a_leg_pushed_back_under_load_is_seen_to_wedge_beforehand():
     back = [replace(stage, forwards=False) if isinstance(stage, MoveShaft) else stage for stage in plan.stages]
     wedged = expected_loads(replace(plan, stages=tuple(back)), rig.model())
     assert max(load.force_N for load in wedged.values()) > 300.0
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        PresentEffect("sensor_gain", (("factor", 1.1),)),
+        PresentEffect("shaft_compliance", (("stiffness_Nm_per_rad", 50.0),)),
+        PresentEffect("motor_speed_ripple", (("amplitude_relative", 0.1), ("cycles_per_turn", 8.0))),
+    ],
+    ids=lambda effect: effect.id,
+)
+def test_an_effect_that_the_twin_cannot_show_is_refused_not_forgotten(effect):
+    rig = replace(twin_rig().model(), effects=(effect,))
+    with pytest.raises(BadInput, match="drive and a sensor of its own"):
+        LegPlant(rig, 0.215, 0.7, 0.01, NO_SCATTER, np.random.default_rng(0))
+
+
+def test_an_effect_of_the_leg_is_felt_on_the_twin():
+    rig = replace(twin_rig().model(), effects=(PresentEffect("tip_mass", (("mass_g", 50.0),)),))
+    leg = LegPlant(rig, 0.235, rig.leg.start_angle_rad, 0.01, NO_SCATTER, np.random.default_rng(0))
+    held = ShaftDrive(angle_gain_Nm_per_rad=4e4, angle_rad=rig.leg.start_angle_rad, speed_gain_Nm_s_per_rad=4e2)
+    assert leg.advance(0.2, held, np.array([0.2]))[0, 2] == pytest.approx(0.37 * 9.81, abs=0.05)

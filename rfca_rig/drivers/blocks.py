@@ -1,0 +1,18 @@
+"""Blocks of columns, as devices deliver them, put one after the other."""
+
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import TypeVar
+
+import numpy as np
+
+from rfca_rig.codecs.rdt import Records
+from rfca_rig.drivers.roles import ForceSamples, ShaftSamples
+
+Block = TypeVar("Block", ShaftSamples, ForceSamples, Records)
+
+
+def join(blocks: Sequence[Block]) -> Block:
+    """At least one block, one after the other, column by column."""
+    kind = type(blocks[0])
+    return kind(*(np.concatenate([getattr(block, column.name) for block in blocks]) for column in fields(kind)))
