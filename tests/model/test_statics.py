@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.static_stages import StageMoves, staged_motion, static_stages
 from rfca_rig.model.static_state import Touch
 from rfca_rig.model.statics import (
@@ -224,3 +225,10 @@ def test_a_leg_without_any_damping_that_jumps_finds_no_rest_and_says_where():
     undamped = replace(PAPER, leg=replace(PAPER.leg, hinge_damping_Nm_s_per_rad=0.0), ground=replace(PAPER.ground, drag_N_s_per_m=0.0))
     with pytest.raises(SimulationFailed, match=r"finds no rest with the shaft held at 16\d\.\d\d degrees, 215.0 mm above"):
         static_path(undamped, 0.215, np.radians([170.0]))
+
+
+@pytest.mark.parametrize("states", [static_path, lambda *given: static_stages(*given, StageMoves(0.5, 0.05))])
+def test_a_rig_with_effects_is_refused_rather_than_treated_as_plain(states):
+    rig = replace(PAPER, effects=(PresentEffect("tip_mass", (("mass_g", 5.0),)),))
+    with pytest.raises(BadInput, match="plain leg and ground only"):
+        states(rig, 0.215, [1.0])
