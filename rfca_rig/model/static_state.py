@@ -53,7 +53,8 @@ class StaticState:
 def static_state(rig: RigModel, q_rad: Floats, shaft_torque_Nm: float, normal_N: Floats, tangential_N: Floats, jumped: bool) -> StaticState:
     """The state of a resting leg with these angles, ground forces and torque: at rest the mount feels ground and weight only.
 
-    Raises BadInput for a rig with effects: weight and forces here are the plain leg's."""
+    Raises BadInput for a rig with effects: weight and forces here are the plain leg's.
+    """
     if rig.effects:
         raise BadInput(f"effect {rig.effects[0].id}: static states know the plain leg and ground only; take the effects out")
     fy = -float(tangential_N.sum())
