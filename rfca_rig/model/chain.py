@@ -85,6 +85,19 @@ HELD = Shaft(NOTHING, np.empty((0, 4)), NOTHING, False, 0.0, 0.0, 0.0, 0.0, 0.0,
 
 def at_rest(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaft: Shaft = HELD) -> State:
     """The chain hanging under its weight, its shaft held or on the spring of a soft drive; without friction on the ground."""
+    state = straight(chain, shaft_angle_rad, laws)
+    smooth = chain._replace(mu=0.0, drag=0.0)
+    if not settle(smooth, laws, shaft, state, 1e-12):
+        raise SimulationFailed(
+            f"no rest pose found with the shaft at {np.degrees(shaft_angle_rad):.1f} degrees and "
+            f"{1e3 * chain.ground_depth:.1f} mm above the ground; is the rack height right?"
+        )
+    settle_memory(chain, laws, state)
+    return state
+
+
+def straight(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None) -> State:
+    """The chain held straight, about to be let go."""
     links = chain.length.size
     coordinates = links + (chain.frame_mass > 0.0)
     state = State(
@@ -95,13 +108,6 @@ def at_rest(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaf
         memory=np.zeros((0 if laws is None else laws.place.size, links, 4)),
     )
     state.q[links:] = 0.0
-    smooth = chain._replace(mu=0.0, drag=0.0)
-    if not settle(smooth, laws, shaft, state, 1e-12):
-        raise SimulationFailed(
-            f"no rest pose found with the shaft at {np.degrees(shaft_angle_rad):.1f} degrees and "
-            f"{1e3 * chain.ground_depth:.1f} mm above the ground; is the rack height right?"
-        )
-    settle_memory(chain, laws, state)
     return state
 
 

@@ -9,7 +9,8 @@ GRAVITY_M_S2 = 9.81
 class Leg:
     """A chain of straight uniform links; hinge torque k0 phi + k0 k2 phi^3 + c dphi/dt (paper-style hardening spring).
 
-    `start_angle_rad` is where a stroke begins, measured from the horizontal, positive downwards.
+    `start_angle_rad` is where a stroke begins, measured from the horizontal, positive downwards. `released_s` is how long before the
+    start the leg was let go straight, so that it may still swing when the shaft turns; None for a leg that hangs at rest.
     """
 
     link_lengths_m: tuple[float, ...]
@@ -19,6 +20,7 @@ class Leg:
     k2_per_rad2: float
     hinge_damping_Nm_s_per_rad: float
     start_angle_rad: float
+    released_s: float | None = None
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.model.chain import at_rest, chain_of, laws_of
+from rfca_rig.model.chain import at_rest, chain_of, laws_of, straight
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.laws import LawUse
 from rfca_rig.model.motion import ShaftMotion
@@ -72,13 +72,18 @@ class Setup:
             check(use)
         return laws_of(self.laws)
 
+    @property
+    def begins_s(self) -> float:
+        """When the simulation begins: with the motion at 0, or where a straight leg was let go before."""
+        return -(self.rig.leg.released_s or 0.0)
+
     def begin(self, chain: Chain, laws: Laws | None) -> tuple[Shaft, State]:
-        """The shaft, and the chain at rest before the motion."""
+        """The shaft, and the chain as it is at `begins_s`: at rest, or straight."""
         start_rad = float(self.motion.angle_rad(np.zeros(1))[0])
-        if self.drive is None:
-            return self.motion.shaft(), at_rest(chain, start_rad, laws)
-        soft = softened(self.motion.shaft(), self.drive, start_rad)
-        return soft, at_rest(chain, start_rad, laws, soft)
+        shaft = self.motion.shaft() if self.drive is None else softened(self.motion.shaft(), self.drive, start_rad)
+        if self.begins_s < 0.0:
+            return shaft, straight(chain, start_rad, laws)
+        return shaft, at_rest(chain, start_rad, laws, shaft) if shaft.free else at_rest(chain, start_rad, laws)
 
     def felt(self, felt: Felt) -> Felt:
         """What the sensor makes of it."""

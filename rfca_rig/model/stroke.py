@@ -49,9 +49,9 @@ def stroke_at_speed(rig: RigModel, height_m: float, speed_rad_s: float, t_s: Flo
 def stroke_following(
     rig: RigModel, height_m: float, motion: ShaftMotion, t_s: Floats, tolerance: Tolerance | None = None
 ) -> SimulatedStroke:
-    """The stroke with the shaft moving as given, from rest at t <= 0.
+    """The stroke with the shaft moving as given from t = 0, the leg at rest before or let go `released_s` earlier.
 
-    `t_s` (m,) ascending sample times; those up to 0 show the leg at rest. Second order in the step, error-controlled;
+    `t_s` (m,) ascending sample times; those before the leg is free show it as it begins. Second order in the step, error-controlled;
     `tolerance` is per step. Raises SimulationFailed where the integrator cannot go on.
     """
     setup = set_up(rig, height_m, motion)
@@ -60,10 +60,10 @@ def stroke_following(
     shaft, state = setup.begin(chain, laws)
     links = chain.length.size
     everything = room_for(t_s, state.q.size, links)
-    resting = int(np.searchsorted(t_s, 0.0, side="right"))
+    resting = int(np.searchsorted(t_s, setup.begins_s, side="right"))
     _fill_resting(chain, laws, state, everything, resting)
     moving = Samples(*(column[resting:] for column in everything))
-    cost = advance(chain, shaft, state, (0.0, float(t_s[-1])), FIRST_STEP_S, tolerance or Tolerance(), moving, laws)
+    cost = advance(chain, shaft, state, (setup.begins_s, float(t_s[-1])), FIRST_STEP_S, tolerance or Tolerance(), moving, laws)
     fy, fz, torque = everything.force.T
     felt = setup.felt(Felt(t_s, fy, fz, torque + setup.rig.sensor.below_shaft_m * fy))
     return SimulatedStroke(
