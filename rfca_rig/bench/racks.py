@@ -1,5 +1,6 @@
 """What sets the rack's height: a hand on the lead screws, or a twin."""
 
+from rfca_rig.errors import BadInput
 from rfca_rig.twins.plant import Plant
 
 
@@ -7,7 +8,14 @@ class HandRack:
     """Asks a person, and waits; the engine has taken the torque off the motor before."""
 
     def set_height(self, height_m: float) -> None:
-        input(f"REAL motor off. Set the rack to {1e3 * height_m:.1f} mm, clear the leg, then press Enter ")
+        """Returns when Enter was pressed. Raises BadInput where nobody is there to press it."""
+        try:
+            input(f"REAL motor off. Set the rack to {1e3 * height_m:.1f} mm, clear the leg, then press Enter ")
+        except EOFError:
+            raise BadInput(
+                f"the input ended before the rack was said to stand at {1e3 * height_m:.1f} mm; run it from a terminal, "
+                "where a person can press Enter"
+            ) from None
 
 
 class TwinRack:

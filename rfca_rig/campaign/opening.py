@@ -5,6 +5,7 @@ from pathlib import Path
 
 from rfca_rig.campaign.layout import FILE_NAME
 from rfca_rig.campaign.reading import read_campaign
+from rfca_rig.description.believed import believed_model
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.form import Recording
 from rfca_rig.recording.run_file import partial_of, read_partial
@@ -20,6 +21,25 @@ def open_recordings(paths: Sequence[Path]) -> list[Recording]:
     Raises BadInput for anything else.
     """
     return [_open(path) for path in paths]
+
+
+def open_with_belief(paths: Sequence[Path]) -> list[Recording]:
+    """The same for those who go on with what was believed: raises BadInput, naming the path, where that makes no model.
+
+    Static stages alone need not believe anything.
+    """
+    recordings = open_recordings(paths)
+    for path, recording in zip(paths, recordings, strict=True):
+        if recording.believed or recording.strokes:
+            _check_belief(path, recording)
+    return recordings
+
+
+def _check_belief(path: Path, recording: Recording) -> None:
+    try:
+        believed_model(recording.believed)
+    except BadInput as error:
+        raise BadInput(f"{path}: {error}") from None
 
 
 def _open(path: Path) -> Recording:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.options import Dry, Json, Rig, Runs, Seed
+from rfca_rig.cli.options import Dry, Json, Model, Rig, Runs, Seed
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.phases import Refused
@@ -33,6 +33,7 @@ def run(
         str, typer.Option("--protocol", metavar="NAME|FILE", help="The protocol: a name in protocols/, or a .toml file.")
     ] = "flapping",
     rig: Rig = "twin",
+    model: Model = None,
     report: Annotated[Path | None, typer.Option("--report", metavar="DIR", help="Write the report of this run there as well.")] = None,
     runs: Runs = Path("runs"),
     seed: Seed = None,
@@ -45,6 +46,7 @@ def run(
     """
     from rfca_rig.cli.places import find_file
     from rfca_rig.cli.running import Order, carry_out
+    from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.description.toml import read_text
@@ -54,7 +56,8 @@ def run(
     rig_file = read_rig(rig_path)
     asked = _as_asked(read_dynamic(protocol_path), height, speed, repeats)
     plan = flapping_plan(asked.flapping(), rig_file.facts())
-    order = Order(rig_file, read_text(rig_path), read_text(protocol_path), plan, seed, runs, as_json, dry_run)
+    supposed, model_text = (read_model_file(model), read_text(model)) if model else (None, "")
+    order = Order(rig_file, read_text(rig_path), read_text(protocol_path), plan, seed, runs, as_json, dry_run, supposed, model_text)
     folder, recorder = carry_out(order, _say_valley)
     if folder is not None and recorder is not None:
         _close(order.mark, folder, recorder.strokes, report, as_json)

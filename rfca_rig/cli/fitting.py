@@ -46,10 +46,10 @@ def fit(
     from rfca_rig.analysis.fitting.model_file import write_model_file
     from rfca_rig.analysis.fitting.residuals import Window
     from rfca_rig.analysis.fitting.strokes import Comparison, fit_recordings
-    from rfca_rig.campaign.opening import open_recordings
+    from rfca_rig.campaign.opening import open_with_belief
 
     comparison = Comparison(shaft.value, Window(tuple(_names(phases)), 1e-3 * after_touchdown))
-    recordings = open_recordings(paths)
+    recordings = open_with_belief(paths)
     with _progress(quiet=as_json) as progress:
         search = Search(starts=starts, rng=np.random.default_rng(seed), progress=progress)
         result = fit_recordings(recordings, _names(parameters), comparison, search)

@@ -8,7 +8,7 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 from rfca_rig import __version__
-from rfca_rig.cli import crosscheck, dynamic, fitting, importing, predicting, reporting, static, strip
+from rfca_rig.cli import crosscheck, dynamic, fitting, importing, predicting, recovering, reporting, static, strip
 from rfca_rig.errors import BadInput, RigError, Stopped
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
@@ -24,6 +24,7 @@ app = typer.Typer(
 app.add_typer(dynamic.app, name="dynamic")
 app.add_typer(static.app, name="static")
 app.command("import")(importing.import_folder)
+app.command("recover")(recovering.recover)
 app.command("predict")(predicting.predict)
 app.command("report")(reporting.report)
 app.command("fit")(fitting.fit)

@@ -5,13 +5,14 @@ from typing import Annotated
 
 import typer
 
-from rfca_rig.cli.options import Json, Rig
+from rfca_rig.cli.options import Json, Model, Rig
 
 
 def predict(
     height: Annotated[float, typer.Option("--height", metavar="MM", min=1, max=1000, help="Height of the shaft above the ground, in mm.")],
     speed: Annotated[float, typer.Option("--speed", metavar="RAD/S", min=0.01, max=100, help="Speed of the shaft, in rad/s.")],
     rig: Rig = "twin",
+    model: Model = None,
     sweep: Annotated[float, typer.Option("--sweep", metavar="DEG", min=1, max=330, help="How far the shaft turns, in degrees.")] = 200.0,
     csv: Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Write the stroke, sample by sample, to this CSV file.")] = None,
     as_json: Json = False,
@@ -24,13 +25,14 @@ def predict(
 
     from rfca_rig.analysis.prediction import predict_stroke, write_csv
     from rfca_rig.cli.places import find_file
+    from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.model.compiled import is_warm
 
-    model = read_rig(find_file("calibration", rig)).model()
+    supposed = read_model_file(model).model() if model else read_rig(find_file("calibration", rig)).model()
     if not is_warm() and not as_json:
         typer.echo("compiling the model, once on this machine, about ten seconds ...", err=True)
-    prediction = predict_stroke(model, height / 1e3, speed, sweep)
+    prediction = predict_stroke(supposed, height / 1e3, speed, sweep)
     if csv is not None:
         write_csv(prediction.stroke, csv)
     if as_json:

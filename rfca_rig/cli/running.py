@@ -12,7 +12,9 @@ from rfca_rig.bench.make import open_bench
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.places import new_run_folder
 from rfca_rig.cli.terminal import Say, marked, progress_bar
+from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.rig_file import RigFile
+from rfca_rig.engine.arming import prove_stop
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput, RigError
@@ -27,7 +29,10 @@ RECORDING = "run.h5"
 
 @dataclass(frozen=True)
 class Order:
-    """What the command line asked for: the files as read, their text for the recording, where runs go, how to speak."""
+    """What the command line asked for: the files as read, their text for the recording, where runs go, how to speak.
+
+    A `model` replaces what the rig file believes; a twin stays what its rig file says.
+    """
 
     rig: RigFile
     rig_text: str
@@ -37,6 +42,13 @@ class Order:
     runs: Path
     quiet: bool
     dry: bool
+    model: ModelFile | None = None
+    model_text: str = ""
+
+    @property
+    def believes(self) -> RigFile | ModelFile:
+        """Whose model the run is expected to follow."""
+        return self.model or self.rig
 
     @property
     def mark(self) -> str:
@@ -56,7 +68,7 @@ def carry_out(order: Order, on_stage: Callable[[Stage, Recorder, Say], None]) ->
     say = marked(order.mark, order.quiet)
     if not is_warm():
         say("compiling the model, once on this machine, about ten seconds ...")
-    expected = expected_loads(order.plan, order.rig.model())
+    expected = expected_loads(order.plan, order.believes.model())
     check_plan(order.plan, expected)
     _print_plan(order, expected, say)
     if order.dry:
@@ -103,6 +115,8 @@ def _arm(order: Order) -> None:
 def _record(order: Order, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path, Recorder]:
     folder = new_run_folder(order.runs, order.mark, order.plan.title)
     with open_bench(order.rig, order.twin_seed) as bench:
+        if bench.is_real:
+            marked(order.mark, order.quiet)(f"the drive's watchdog stops the motor after {prove_stop(bench):.2f} s of silence")
         file = RunFile.create(folder / RECORDING, _header(order, bench.clock.started_at().isoformat()))
         recorder = Recorder(file, bench.sensor.scale())
         with progress_bar(order.mark, order.plan.duration_s, order.quiet) as (advance, say):
@@ -140,12 +154,12 @@ def _keep(file: RunFile, recorder: Recorder, folder: Path, say: Say, why: str) -
 
 
 def _header(order: Order, started_at: str) -> Recording:
-    known_to = order.rig.known_to.model_dump(exclude_none=True) if order.rig.known_to else {}
+    known_to = order.believes.known_to.model_dump(exclude_none=True) if order.believes.known_to else {}
     seed = {} if order.twin_seed is None else {"seed": str(order.twin_seed)}
     return Recording(
         title=order.plan.title,
         source="REAL" if order.rig.is_real else "SIM",
-        believed=order.rig.believed(),
+        believed=order.believes.believed(),
         known_to=known_to,
         strokes=(),
         static=(),
@@ -154,6 +168,7 @@ def _header(order: Order, started_at: str) -> Recording:
             "started_at": started_at,
             "rig_file": order.rig_text,
             "protocol_file": order.protocol_text,
+            **({"model_file": order.model_text} if order.model else {}),
             **seed,
         },
     )

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.options import Dry, Json, Rig, Runs, Seed
+from rfca_rig.cli.options import Dry, Json, Model, Rig, Runs, Seed
 
 if TYPE_CHECKING:
     from rfca_rig.bench.recorder import Recorder
@@ -27,6 +27,7 @@ def run(
         str, typer.Option("--protocol", metavar="NAME|FILE", help="The protocol: a name in protocols/, or a .toml file.")
     ] = "static-angle",
     rig: Rig = "twin",
+    model: Model = None,
     runs: Runs = Path("runs"),
     seed: Seed = None,
     dry_run: Dry = False,
@@ -38,6 +39,7 @@ def run(
     """
     from rfca_rig.cli.places import find_file
     from rfca_rig.cli.running import Order, carry_out
+    from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.protocol_file import read_static
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.description.toml import read_text
@@ -46,7 +48,8 @@ def run(
     rig_path, protocol_path = find_file("calibration", rig), find_file("protocols", protocol)
     rig_file = read_rig(rig_path)
     plan = static_plan(read_static(protocol_path).static_stages(), rig_file.facts())
-    order = Order(rig_file, read_text(rig_path), read_text(protocol_path), plan, seed, runs, as_json, dry_run)
+    supposed, model_text = (read_model_file(model), read_text(model)) if model else (None, "")
+    order = Order(rig_file, read_text(rig_path), read_text(protocol_path), plan, seed, runs, as_json, dry_run, supposed, model_text)
     folder, recorder = carry_out(order, _say_stage)
     if folder is None or recorder is None:
         return

@@ -3,10 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from rfca_rig.description.sections import DriveSection, EffectSection, GroundSection, LegSection, RigSections, SensorSection
+from rfca_rig.description.sections import DriveSection, GroundSection, LegSection, RigSections, SensorSection
 from rfca_rig.description.toml import checked
-from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount
-from rfca_rig.model.setup import resolved
+from rfca_rig.model.parameters import Drive, Ground, Leg, RigModel, SensorMount
 
 
 def believed_model(sections: Mapping[str, Any]) -> RigModel:
@@ -20,14 +19,8 @@ def believed_model(sections: Mapping[str, Any]) -> RigModel:
 
 def model_of(sections: RigSections) -> RigModel:
     """The same from sections that were checked already."""
-    effects = tuple(_effect(effect) for effect in sections.effects)
+    effects = tuple(effect.present() for effect in sections.effects)
     return RigModel(_leg(sections.leg), _ground(sections.ground), _sensor(sections.sensor), _drive(sections.drive), effects)
-
-
-def _effect(effect: EffectSection) -> PresentEffect:
-    present = PresentEffect(effect.id, tuple(effect.parameters.items()))
-    resolved(present)
-    return present
 
 
 def _leg(leg: LegSection) -> Leg:

@@ -7,6 +7,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from rfca_rig.errors import BadInput
+from rfca_rig.model.parameters import PresentEffect
+from rfca_rig.model.setup import resolved
+
 HINGE_LAW = "k0*phi + k0*k2*phi**3"
 
 Positive = Annotated[float, Field(gt=0)]
@@ -110,10 +114,28 @@ class KnownToSection(Section):
 
 
 class EffectSection(Section):
-    """[[effects]]: a piece of physics switched on, by its id in the catalogue, with a number for each of its parameters."""
+    """[[effects]]: a piece of physics switched on, by its id in the catalogue, with a number for each of its parameters.
+
+    A number beyond what is plausible is taken, one that cannot be is refused.
+    """
 
     id: str
     parameters: dict[str, float]
+
+    @model_validator(mode="after")
+    def _can_be(self) -> "EffectSection":
+        try:
+            effect, values = resolved(self.present())
+        except BadInput as error:
+            raise ValueError(str(error)) from None
+        for parameter in effect.parameters:
+            if (reason := parameter.why_not(values[parameter.name])) is not None:
+                raise ValueError(f"effect {self.id}: {parameter.name} = {values[parameter.name]:g} {reason}")
+        return self
+
+    def present(self) -> PresentEffect:
+        """The same for the model."""
+        return PresentEffect(self.id, tuple(self.parameters.items()))
 
 
 Effects = Annotated[tuple[EffectSection, ...], Field(strict=False)]

@@ -36,6 +36,13 @@ class ShaftMotor(Protocol):
         """Energises without a jerk, holding where the shaft stands. Raises DeviceError when the drive refuses."""
         ...
 
+    def prove_watchdog(self, limit_s: float) -> float:
+        """Says nothing to the enabled drive until its watchdog stops the motor, which is off then; returns how long that took.
+
+        Raises DeviceError where the drive still runs after `limit_s`.
+        """
+        ...
+
     def command_speed(self, speed_rad_s: float) -> None:
         """Asks for a speed; to be repeated every few milliseconds, or the drive's watchdog stops the motor."""
         ...

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import inf, isfinite
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -12,11 +13,28 @@ Values = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect. The name carries the unit; `low` to `high` is what is plausible on a rig like this."""
+    """One number of an effect. The name carries the unit; `low` to `high` is what is plausible on a rig like this.
+
+    A value outside of that may still be true, but not every one can be: none that is not finite, none below zero where `low` is not,
+    no zero unless `may_be_zero`, none whose magnitude reaches `below`, and where it counts something, `whole`, no fraction.
+    """
 
     name: str
     low: float
     high: float
+    may_be_zero: bool = True
+    below: float = inf
+    whole: bool = False
+
+    def why_not(self, value: float) -> str | None:
+        """Why the value cannot be, in words; None where it can."""
+        if not isfinite(value):
+            return "must be a finite number"
+        if value < 0.0 <= self.low or (value == 0.0 and not self.may_be_zero):
+            return "must be 0 or more" if self.may_be_zero else "must be above 0"
+        if self.whole and not value.is_integer():
+            return "must be a whole number"
+        return f"must stay below {self.below:g} in magnitude" if abs(value) >= self.below else None
 
 
 @dataclass(frozen=True)

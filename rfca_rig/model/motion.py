@@ -29,6 +29,18 @@ class ShaftMotion:
         c = self.coefficients[i].T
         return np.asarray(c[0] + x * (c[1] + x * (c[2] + x * c[3])))
 
+    def standing_since(self, begin_s: float) -> "ShaftMotion":
+        """The same from t = 0 on, and the shaft at rest where it is at 0 from `begin_s` (below 0) till then."""
+        later = self.breaks_s[:-1] >= 0.0
+        if not later.any() or self.breaks_s[:-1][later][0] > 0.0:
+            return self  # no piece begins at 0: the motion knows its own past
+        start_rad = float(self.coefficients[later][0, 0])
+        return ShaftMotion(
+            np.concatenate([[begin_s], self.breaks_s[:-1][later], self.breaks_s[-1:]]),
+            np.vstack([[start_rad, 0.0, 0.0, 0.0], self.coefficients[later]]),
+            self.landings_s,
+        )
+
     def shaft(self) -> Shaft:
         """The same for the compiled chain: a shaft that does what it is told, whatever the load."""
         return Shaft(self.breaks_s, self.coefficients, self.landings_s, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

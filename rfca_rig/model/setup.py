@@ -79,8 +79,9 @@ class Setup:
 
     def begin(self, chain: Chain, laws: Laws | None) -> tuple[Shaft, State]:
         """The shaft, and the chain as it is at `begins_s`: at rest, or straight."""
-        start_rad = float(self.motion.angle_rad(np.zeros(1))[0])
-        shaft = self.motion.shaft() if self.drive is None else softened(self.motion.shaft(), self.drive, start_rad)
+        motion = self.motion if self.begins_s == 0.0 else self.motion.standing_since(self.begins_s)
+        start_rad = float(motion.angle_rad(np.zeros(1))[0])
+        shaft = motion.shaft() if self.drive is None else softened(motion.shaft(), self.drive, start_rad)
         if self.begins_s < 0.0:
             return shaft, straight(chain, start_rad, laws)
         return shaft, at_rest(chain, start_rad, laws, shaft) if shaft.free else at_rest(chain, start_rad, laws)

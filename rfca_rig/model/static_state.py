@@ -6,7 +6,6 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 
 Floats = NDArray[np.float64]
@@ -51,12 +50,7 @@ class StaticState:
 
 
 def static_state(rig: RigModel, q_rad: Floats, shaft_torque_Nm: float, normal_N: Floats, tangential_N: Floats, jumped: bool) -> StaticState:
-    """The state of a resting leg with these angles, ground forces and torque: at rest the mount feels ground and weight only.
-
-    Raises BadInput for a rig with effects: weight and forces here are the plain leg's.
-    """
-    if rig.effects:
-        raise BadInput(f"effect {rig.effects[0].id}: static states know the plain leg and ground only; take the effects out")
+    """The state of a plain leg at rest with these angles, ground forces and torque: the mount feels ground and weight only."""
     fy = -float(tangential_N.sum())
     weight = sum(rig.leg.link_masses_kg) * GRAVITY_M_S2
     return StaticState(
@@ -67,12 +61,17 @@ def static_state(rig: RigModel, q_rad: Floats, shaft_torque_Nm: float, normal_N:
         shaft_torque_Nm=shaft_torque_Nm,
         normal_N=normal_N,
         tangential_N=tangential_N,
-        touch=tuple(_touch(rig.ground.friction_coefficient, N, F) for N, F in zip(normal_N, tangential_N, strict=True)),
+        touch=touches(rig.ground.friction_coefficient, normal_N, tangential_N),
         jumped=jumped,
     )
 
 
+def touches(mu: float, normal_N: Floats, tangential_N: Floats) -> tuple[Touch, ...]:
+    """What the ground does to each end (n,), where friction at rest holds up to mu times the normal force."""
+    return tuple(_touch(mu, N, F) for N, F in zip(normal_N, tangential_N, strict=True))
+
+
 def _touch(mu: float, normal: float, tangential: float) -> Touch:
-    if normal <= 0.0:
+    if normal == 0.0:
         return Touch.AIR
-    return Touch.SLIDING if abs(tangential) >= AT_THE_LIMIT * mu * normal else Touch.STUCK
+    return Touch.SLIDING if abs(tangential) >= AT_THE_LIMIT * mu * abs(normal) else Touch.STUCK

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.errors import SimulationFailed
+from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.chain import Tolerance, advance, at_rest, chain_of, room_for
 from rfca_rig.model.forces import assemble
 from rfca_rig.model.held_contact import STEP_RAD, balance, turn_shaft
@@ -36,8 +36,13 @@ def static_path(
 
     The path begins at rest at `begin_angle_rad` (the leg's start angle unless told), where the leg is best in the air: a leg
     that already touches begins there without friction. Angles may turn back. Raises SimulationFailed where the leg finds no
-    rest, with the shaft angle.
+    rest, with the shaft angle, and BadInput for a rig with effects, which `static_stages` knows.
     """
+    if rig.effects:
+        raise BadInput(
+            f"effect {rig.effects[0].id}: the quasi-static path knows the plain leg and ground only; take the effects out, "
+            "or follow the stages in time"
+        )
     chain = chain_of(rig, height_m)
     state = at_rest(chain, rig.leg.start_angle_rad if begin_angle_rad is None else begin_angle_rad)
     states = []

@@ -85,7 +85,17 @@ def read_partial(path: Path) -> Recording:
 
 
 def recover(path: Path) -> Path:
-    """Makes `path` from its partial folder after a crash, with everything that had been added. Returns `path`."""
+    """Makes `path` from its partial folder after a crash, with everything that had been added. Returns `path`.
+
+    Where the crash came when `path` was whole already, only the leftovers go: a recording is never written over. Not for a run that
+    is still going on. Raises BadInput where there is nothing to recover.
+    """
+    if not partial_of(path).is_dir():
+        raise BadInput(f"{path}: {'is whole' if path.is_file() else 'is not there'}, and there is no interrupted run beside it to recover")
+    if path.is_file():
+        read_recording(path)
+        _remove(partial_of(path))
+        return path
     return _replace_partial(path, read_partial(path))
 
 

@@ -33,8 +33,8 @@ from rfca_rig.report.wording import (
 LONGEST_TEXT = 160
 
 
-def page(sources: Sequence[ComparedSource], table: Table2, shaft: Shaft, model_given: bool = False) -> str:
-    """The page as HTML. `model_given`: the sources were held against one given model and not against what was believed of each."""
+def page(sources: Sequence[ComparedSource], table: Table2, shaft: Shaft, model_file: str | None = None) -> str:
+    """The page as HTML. `model_file` names the one model that all sources were held against; None for what was believed of each."""
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     template = environment.from_string(resources.files("rfca_rig.report").joinpath("page.html").read_text("utf-8"))
     return template.render(
@@ -45,8 +45,8 @@ def page(sources: Sequence[ComparedSource], table: Table2, shaft: Shaft, model_g
         rows_by_source=[_group(source) for source in sources if source.compared],
         figures=_figures(sources, shaft),
         static_tables=[_static_table(source) for source in sources if source.recording.static],
-        models=_models(sources, model_given),
-        command=f"rfca-rig report PATH... --out DIR --shaft {shaft}" + (" --model FILE" if model_given else ""),
+        models=_models(sources, model_file),
+        command=f"rfca-rig report PATH... --out DIR --shaft {shaft}" + (f" --model {model_file}" if model_file else ""),
         shaft_words=SHAFT_WORDS[shaft],
         definition=DEFINITION,
         averaged=counted(sum(row.time_error_pct is not None for row in table.rows), "condition"),
@@ -150,22 +150,22 @@ def _static_line(stage: StaticStage, hinges: bool) -> list[str]:
     return cells
 
 
-def _models(sources: Sequence[ComparedSource], model_given: bool) -> list[dict[str, Any]]:
+def _models(sources: Sequence[ComparedSource], model_file: str | None) -> list[dict[str, Any]]:
     """One table for each model that differs from the others, with the sources that share it."""
     distinct = list(dict.fromkeys(source.rig for source in sources if source.rig is not None))
     tables = []
     for rig in distinct:
         sharing = [source for source in sources if source.rig == rig]
         parts = [(part, list(of_part)) for part, of_part in groupby(quantities_of(rig), key=lambda quantity: quantity.section)]
-        tables.append({"says": _model_says(sharing, model_given, len(distinct) > 1), "parts": parts})
+        tables.append({"says": _model_says(sharing, model_file, len(distinct) > 1), "parts": parts})
     return tables
 
 
-def _model_says(sharing: Sequence[ComparedSource], model_given: bool, several: bool) -> str:
-    what = "The model given for this report" if model_given else "The model as it was believed before the recordings"
+def _model_says(sharing: Sequence[ComparedSource], model_file: str | None, several: bool) -> str:
+    what = f"The model in {model_file}, given for this report" if model_file else "The model as it was believed before the recordings"
     of_whom = f", of {', '.join(source.name for source in sharing)}" if several else ""
     known_to = sharing[0].recording.known_to
-    if model_given or not known_to:
+    if model_file or not known_to:
         return f"{what}{of_whom}."
     said = ", ".join(f"{name} = {value:g}" for name, value in known_to.items() if isinstance(value, int | float))
     return f"{what}{of_whom}. One standard deviation of what was believed: {said}; what is not listed counts as exact."

@@ -13,6 +13,14 @@ from rfca_rig.recording.form import Recording
 
 
 @dataclass(frozen=True)
+class GivenModel:
+    """A model that a report was asked to hold all recordings against, and the name of its file."""
+
+    file: str
+    rig: RigModel
+
+
+@dataclass(frozen=True)
 class ComparedSource:
     """One recording compared condition by condition; `rows` go with `compared`, one for one.
 
@@ -29,19 +37,19 @@ class ComparedSource:
         return tuple(row_of(compared, self.name) for compared in self.compared)
 
 
-def compare_sources(recordings: Sequence[Recording], shaft: Shaft, model: RigModel | None = None) -> tuple[ComparedSource, ...]:
-    """Each recording against `model`, or, where none is given, against the model it was believed to follow.
+def compare_sources(recordings: Sequence[Recording], shaft: Shaft, given: GivenModel | None = None) -> tuple[ComparedSource, ...]:
+    """Each recording against the `given` model, or, where none is given, against the model it was believed to follow.
 
     Raises BadInput where the believed values make no model, SimulationFailed.
     """
     names = _distinct([recording.title for recording in recordings])
-    return tuple(_compared(name, recording, shaft, model) for name, recording in zip(names, recordings, strict=True))
+    return tuple(_compared(name, recording, shaft, given) for name, recording in zip(names, recordings, strict=True))
 
 
-def _compared(name: str, recording: Recording, shaft: Shaft, model: RigModel | None) -> ComparedSource:
-    if not recording.strokes and not recording.believed:
-        return ComparedSource(name, recording, model, ())
-    rig = model or believed_model(recording.believed)
+def _compared(name: str, recording: Recording, shaft: Shaft, given: GivenModel | None) -> ComparedSource:
+    if given is None and not recording.strokes and not recording.believed:
+        return ComparedSource(name, recording, None, ())
+    rig = believed_model(recording.believed) if given is None else given.rig
     return ComparedSource(name, recording, rig, tuple(compare_condition(rig, c, shaft) for c in conditions_of(recording.strokes)))
 
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from rfca_rig.analysis.fitting.errors_of_fit import covariance_of
 from rfca_rig.analysis.fitting.fit import Search, fit
-from rfca_rig.analysis.fitting.model_file import read_model_file, write_model_file
+from rfca_rig.analysis.fitting.model_file import write_model_file
 from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed, space_of
 from rfca_rig.analysis.fitting.residuals import Window, problem_of
 from rfca_rig.analysis.fitting.scatter import whitening_of
@@ -21,7 +21,9 @@ from rfca_rig.analysis.phases import StrokePhases
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.analysis.valley import Valley
 from rfca_rig.description.believed import believed_model, model_of
+from rfca_rig.description.model_file import read_model_file
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.stroke import stroke_at_speed
 from rfca_rig.recording.form import Recording
 from rfca_rig.recording.store import write_recording
@@ -330,6 +332,18 @@ def test_the_fitted_model_is_read_back_as_it_was_written(tmp_path):
     assert read.known_to.hinge_damping_relative is None
     text = (tmp_path / "model.toml").read_text()
     assert "The rack stood" in text and "k2 is known to" in text
+
+
+def test_effects_that_were_believed_stay_and_a_fitted_height_adds_to_a_believed_offset(tmp_path):
+    rack = PresentEffect("height_offset", (("offset_mm", 1.5),))
+    play = PresentEffect("hinge_backlash", (("half_gap_deg", 0.7),))
+    centre = replace(BELIEF, rig=replace(BELIEF.rig, effects=(rack, play)))
+    result = fit(one_row(lambda s: np.array([(1e3 * s.height_offset_m - 0.4) / 0.01])), space_of(("height",), centre, {"height_mm": 0.2}))
+    believed = {**SECTIONS, "effects": [{"id": "height_offset", "parameters": {"offset_mm": 1.5}}]}
+    write_model_file(tmp_path / "model.toml", result, believed, KNOWN_TO, [])
+    play_again, offset = read_model_file(tmp_path / "model.toml").model().effects
+    assert play_again == play
+    assert dict(offset.values)["offset_mm"] == pytest.approx(1.9, abs=0.01)
 
 
 def app() -> typer.Typer:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.campaign.importing import import_campaign
-from rfca_rig.campaign.opening import open_recordings
+from rfca_rig.campaign.opening import open_recordings, open_with_belief
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.recording import atomic
@@ -66,6 +66,13 @@ def test_a_run_that_crashed_opens_with_what_it_had_and_says_so(tmp_path: Path):
     (found,) = open_recordings([tmp_path / "run"])
     assert len(found.strokes) == 1
     assert found.provenance["interrupted"] == "the run ended without being finished, after 1 strokes and 0 static stages"
+
+
+def test_a_belief_that_makes_no_model_is_told_with_the_place_of_its_recording(tmp_path: Path):
+    RunFile.create(tmp_path / "run" / "run.h5", recording(1, 0)).finish()
+    with pytest.raises(BadInput, match=rf"{tmp_path}/run: the believed model: .*missing"):
+        open_with_belief([SMALL, tmp_path / "run"])
+    assert len(open_with_belief([SMALL])) == 1
 
 
 def test_anything_else_is_refused(tmp_path: Path):

@@ -1,16 +1,27 @@
 """Every command as a user types it: results, exit codes, one clear line for a mistake."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from rfca_rig.bench.make import open_bench
+from rfca_rig.bench.racks import HandRack
+from rfca_rig.campaign.reading import read_campaign
+from rfca_rig.description.model_file import FoundEffect, read_model_file, write_model
+from rfca_rig.description.rig_file import read_rig
+from rfca_rig.recording.run_file import RunFile
+from rfca_rig.recording.store import read_recording, write_recording
 from tests.cli.typed import typed
 
-SMALL = Path(__file__).parents[1] / "data" / "small-campaign"
+ROOT = Path(__file__).parents[2]
+SMALL = ROOT / "tests" / "data" / "small-campaign"
 HEAVY = ("numpy", "scipy", "numba", "h5py", "matplotlib", "cv2", "can", "pydantic", "jinja2")
 
 
@@ -26,7 +37,9 @@ def test_help_loads_nothing_heavy():
 
 
 @pytest.mark.parametrize(
-    "words", [(), ("dynamic",), ("dynamic", "run"), ("static",), ("static", "run"), ("import",), ("predict",), ("report",)], ids=" ".join
+    "words",
+    [(), ("dynamic",), ("dynamic", "run"), ("static",), ("static", "run"), ("import",), ("predict",), ("report",), ("recover",)],
+    ids=" ".join,
 )
 def test_every_command_explains_itself(monkeypatch, capsys, words):
     said = typed(monkeypatch, capsys, *words, "--help")
@@ -135,6 +148,8 @@ def test_twin_and_import_in_one_report(here, monkeypatch, capsys):
         (("import", "nowhere"), "nowhere"),
         (("report", "nowhere"), "nowhere"),
         (("report",), "PATH"),
+        (("predict", "--height", "215", "--speed", "2", "--model", "nowhere.toml"), "nowhere.toml"),
+        (("recover", "nowhere"), "nowhere"),
         (("predict", "--height", "215"), "--speed"),
         (("predict", "--height", "0", "--speed", "1"), "--height"),
         (("nonsense",), "No such command"),
@@ -149,6 +164,92 @@ def test_a_mistake_gets_one_line_exit_code_2_and_changes_nothing(here, monkeypat
     assert mine[0].startswith("rfca-rig: ")
     assert said in mine[0]
     assert list(here.iterdir()) == []
+
+
+def slippery(here):
+    """A model file that no recording believes: half the friction, and a rack that stands 1 mm higher."""
+    sections = read_rig(ROOT / "calibration" / "twin.toml").believed()
+    sections["ground"]["friction_coefficient"] = 0.2
+    write_model(here / "slippery.toml", sections, {"height_mm": 0.05}, [], [FoundEffect("height_offset", {"offset_mm": 1.0})])
+    return here / "slippery.toml"
+
+
+def one_stroke(monkeypatch, capsys):
+    said = typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 1, "--json")
+    return json.loads(said.out)["run"]
+
+
+def test_a_model_file_takes_the_place_of_the_believed_one(here, monkeypatch, capsys):
+    model, words = slippery(here), ("--height", 215, "--speed", 3.249)
+    plain = json.loads(typed(monkeypatch, capsys, "predict", *words, "--json").out)
+    given = json.loads(typed(monkeypatch, capsys, "predict", *words, "--model", model, "--json").out)
+    assert given["valley_fz_N"] < plain["valley_fz_N"] - 10.0
+
+    said = typed(monkeypatch, capsys, "dynamic", "run", *words, "--repeats", 1, "--model", model, "--report", "own", "--json")
+    assert said.exit_code == 0
+    run = Path(json.loads(said.out)["run"])
+    recording = read_recording(run / "run.h5")
+    assert recording.believed["ground"]["friction_coefficient"] == 0.2
+    assert recording.believed["effects"] == [{"id": "height_offset", "parameters": {"offset_mm": 1.0}}]
+    assert recording.known_to == {"height_mm": 0.05}
+    assert recording.provenance["model_file"] == model.read_text()
+    (row,) = json.loads((here / "own" / "table2.json").read_text())["rows"]
+    assert row["measured_fz_N"] == pytest.approx(plain["valley_fz_N"], abs=1.5), "the twin is what it was"
+    assert row["simulated_fz_N"] == pytest.approx(given["valley_fz_N"], abs=1.5)
+
+
+def test_the_plan_is_held_against_the_given_model(here, monkeypatch, capsys):
+    words, expects = ("--height", 215, "--speed", 3.249, "--dry-run"), r"expects up to (\d+) N"
+    plain = typed(monkeypatch, capsys, "dynamic", "run", *words).err
+    given = typed(monkeypatch, capsys, "dynamic", "run", *words, "--model", slippery(here)).err
+    assert int(re.search(expects, given)[1]) > int(re.search(expects, plain)[1]) + 10
+    given = typed(monkeypatch, capsys, "static", "run", "--dry-run", "--model", slippery(here)).err
+    plain = typed(monkeypatch, capsys, "static", "run", "--dry-run").err
+    assert re.findall(expects, given) != re.findall(expects, plain)
+
+
+def test_a_report_against_a_model_file_says_so(here, monkeypatch, capsys):
+    model, run = slippery(here), one_stroke(monkeypatch, capsys)
+    plain = json.loads(typed(monkeypatch, capsys, "report", run, "--json").out)
+    given = json.loads(typed(monkeypatch, capsys, "report", run, "--model", model, "--json").out)
+    assert given["average"]["force_error_pct"] > plain["average"]["force_error_pct"] + 10.0
+    page = (here / "report" / "report.html").read_text()
+    assert "The model in slippery.toml, given for this report" in page
+    assert str(here) not in page
+
+
+def test_a_fitted_model_file_is_one(here, monkeypatch, capsys):
+    run = one_stroke(monkeypatch, capsys)
+    said = typed(monkeypatch, capsys, "fit", run, "--parameters", "height", "--out", "fitted.toml")
+    assert said.exit_code == 0
+    assert typed(monkeypatch, capsys, "predict", "--height", 215, "--speed", 2.433, "--model", "fitted.toml").exit_code == 0
+    assert read_model_file(here / "fitted.toml").effects[0].id == "height_offset"
+
+
+def test_an_interrupted_run_is_recovered_and_what_it_says_to_type_next_works(here, monkeypatch, capsys):
+    typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 2)
+    (whole,) = (here / "runs").iterdir()
+    recording = read_recording(whole / "run.h5")
+    crashed = RunFile.create(here / "crashed" / "run.h5", replace(recording, strokes=()))
+    crashed.add_stroke(recording.strokes[0])
+    said = typed(monkeypatch, capsys, "recover", "crashed")
+    assert said.exit_code == 0
+    assert "SIM recovered 1 strokes and 0 static stages in crashed/run.h5" in said.err
+    assert [file.name for file in (here / "crashed").iterdir()] == ["run.h5"]
+    assert typed(monkeypatch, capsys, *said.err.split("next: rfca-rig ")[1].split()).exit_code == 0
+    again = typed(monkeypatch, capsys, "recover", "crashed/run.h5")
+    assert (again.exit_code, len(again.err.splitlines())) == (2, 1)
+    assert "is whole" in again.err
+
+
+def test_a_recording_whose_belief_makes_no_model_is_named(here, monkeypatch, capsys):
+    recording = replace(read_campaign(SMALL), believed={"leg": {}})
+    write_recording(recording, here / "old.h5")
+    for command in ("report", "fit"):
+        answer = typed(monkeypatch, capsys, command, SMALL, "old.h5")
+        assert (answer.exit_code, len(answer.err.splitlines())) == (2, 1)
+        assert "rfca-rig: old.h5: the believed model: " in answer.err
+    assert typed(monkeypatch, capsys, "report", "old.h5", "--model", slippery(here)).exit_code == 0
 
 
 def test_a_broken_campaign_leaves_nothing_behind(here, monkeypatch, capsys):
@@ -178,6 +279,26 @@ def test_a_mistake_of_ours_is_admitted_in_one_line(monkeypatch, capsys):
     answer = typed(monkeypatch, capsys, "predict", "--height", 215, "--speed", 2)
     assert answer.exit_code == 1
     assert "a mistake in rfca-rig, not yours: ZeroDivisionError" in answer.err
+
+
+@contextmanager
+def twin_that_counts_as_real(rig, _seed):
+    with open_bench(read_rig(ROOT / "calibration" / "twin.toml"), 1) as bench:
+        yield replace(bench, rack=HandRack(), is_real=True)
+
+
+def test_an_input_that_ends_before_the_rack_is_set_is_one_clear_line(here, monkeypatch, capsys):
+    def ended(_prompt):
+        raise EOFError
+
+    monkeypatch.setattr("typer.prompt", lambda *_, **__: "320")
+    monkeypatch.setattr("builtins.input", ended)
+    monkeypatch.setattr("rfca_rig.cli.running.open_bench", twin_that_counts_as_real)
+    answer = typed(monkeypatch, capsys, "dynamic", "run", "--rig", "example-real-rig", "--height", 215, "--speed", 2)
+    assert answer.exit_code == 2
+    assert re.search(r"REAL the drive's watchdog stops the motor after 0\.\d+ s of silence", answer.err)
+    assert answer.err.splitlines()[-1].startswith("rfca-rig: the input ended before the rack was said to stand at 215.0 mm")
+    assert list((here / "runs").iterdir()) == []
 
 
 def test_real_hardware_asks_for_the_limit_and_moves_nothing_without_it(here, monkeypatch, capsys):

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.static_stages import StageMoves, staged_motion, static_stages
+from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, staged_motion, static_stages
 from rfca_rig.model.static_state import Touch
 from rfca_rig.model.statics import (
     equilibrium_under_tip_force,
@@ -143,7 +143,10 @@ def test_brisk_moves_leave_the_tip_inside_the_cone_of_friction(path):
 def test_stages_end_where_they_are_told_and_take_the_time_they_need():
     motion, read_s = staged_motion(0.2, [1.0, 1.0, 0.99, 0.5], StageMoves(0.5, 0.05, 2.0))
     assert motion.angle_rad(read_s) == pytest.approx([1.0, 1.0, 0.99, 0.5])
-    assert np.diff(read_s, prepend=0.0) == pytest.approx([0.8 / 0.5 + 0.05 + 2.0, 2.0, 0.1 + 2.0, 0.49 / 0.5 + 0.05 + 2.0], abs=0.031)
+    takes_s = np.array([0.8 / 0.5 + 0.05, STILL_AFTER_S, 0.1 + STILL_AFTER_S, 0.49 / 0.5 + 0.05 + STILL_AFTER_S])
+    assert np.diff(read_s, prepend=0.0) == pytest.approx(takes_s + 2.0, abs=0.031)
+    for later_s in (0.5 * STILL_AFTER_S, STILL_AFTER_S):
+        assert motion.angle_rad(read_s + later_s) == pytest.approx([1.0, 1.0, 0.99, 0.5])
     t = np.linspace(0.0, read_s[-1], 20001)
     assert np.abs(np.diff(motion.angle_rad(t)) / np.diff(t)).max() == pytest.approx(0.5, rel=1e-6)
 
@@ -227,8 +230,7 @@ def test_a_leg_without_any_damping_that_jumps_finds_no_rest_and_says_where():
         static_path(undamped, 0.215, np.radians([170.0]))
 
 
-@pytest.mark.parametrize("states", [static_path, lambda *given: static_stages(*given, StageMoves(0.5, 0.05))])
-def test_a_rig_with_effects_is_refused_rather_than_treated_as_plain(states):
+def test_a_path_with_effects_is_refused_rather_than_treated_as_plain():
     rig = replace(PAPER, effects=(PresentEffect("tip_mass", (("mass_g", 5.0),)),))
     with pytest.raises(BadInput, match="plain leg and ground only"):
-        states(rig, 0.215, [1.0])
+        static_path(rig, 0.215, [1.0])

@@ -108,6 +108,27 @@ def test_a_crash_while_finishing_loses_nothing(tmp_path: Path):
     assert not partial_of(tmp_path / "run.h5").exists()
 
 
+def test_a_recording_that_was_whole_when_the_crash_came_is_not_written_over(tmp_path: Path):
+    run = RunFile.create(tmp_path / "run.h5", recording(0, 0))
+    for k in (1, 2, 3):
+        run.add_stroke(stroke(k))
+    parts = {part.name: part.read_bytes() for part in partial_of(tmp_path / "run.h5").iterdir()}
+    whole = run.finish().read_bytes()
+    partial_of(tmp_path / "run.h5").mkdir()
+    for name in sorted(parts)[2:]:  # the crash came while the parts were being taken away
+        (partial_of(tmp_path / "run.h5") / name).write_bytes(parts[name])
+    assert recover(tmp_path / "run.h5").read_bytes() == whole
+    assert not partial_of(tmp_path / "run.h5").exists()
+
+
+def test_where_nothing_was_interrupted_there_is_nothing_to_recover(tmp_path: Path):
+    with pytest.raises(BadInput, match="is not there, and there is no interrupted run"):
+        recover(tmp_path / "run.h5")
+    RunFile.create(tmp_path / "run.h5", recording(1, 0)).finish()
+    with pytest.raises(BadInput, match="is whole, and there is no interrupted run"):
+        recover(tmp_path / "run.h5")
+
+
 def test_a_run_that_died_before_it_began_says_so(tmp_path: Path):
     crash_at(tmp_path, 2)
     with pytest.raises(BadInput, match="interrupted before it began"):

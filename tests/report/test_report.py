@@ -8,6 +8,7 @@ import pytest
 
 from rfca_rig.description.believed import believed_model
 from rfca_rig.errors import RigError
+from rfca_rig.report.sources import GivenModel
 from rfca_rig.report.writing import write_report
 from tests.analysis import traces
 from tests.report.recordings import BELIEVED, recording, stages, strokes
@@ -190,9 +191,11 @@ def test_sources_stay_apart_with_their_names_and_models(tmp_path):
 
 def test_a_given_model_takes_the_place_of_the_believed_one(tmp_path):
     slippery = {**BELIEVED, "ground": {**BELIEVED["ground"], "friction_coefficient": 0.2}}
-    folder = written(tmp_path, recording(strokes()), model=believed_model(slippery))
+    folder = written(tmp_path, recording(strokes()), given=GivenModel("slippery.toml", believed_model(slippery)))
     assert table(folder)["average"]["force_error_pct"] > 5.0
-    assert "The model given for this report" in (folder / "report.html").read_text()
+    text = Outline((folder / "report.html").read_text()).text
+    assert "The model in slippery.toml, given for this report" in text
+    assert "--model slippery.toml" in text
 
 
 @pytest.mark.parametrize("shaft", ["commanded", "average", "recorded"])

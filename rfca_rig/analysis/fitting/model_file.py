@@ -1,29 +1,14 @@
-"""model.toml: the fitted model as the sections that people write, with how well each value is known now, and where it came from."""
+"""A fitted model as a model file: what the fit moved, how well that is known now, and what it was fitted to."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rfca_rig.analysis.fitting.result import FitResult, FittedParameter
-from rfca_rig.description.sections import KnownToSection, RigSections
-from rfca_rig.description.toml import read_toml
+from rfca_rig.description.model_file import write_model
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.recording.atomic import write_atomically
 
-DIGITS = 7
-
-
-class ModelFile(RigSections):
-    """A model file: the four sections, and one standard deviation of each value that was fitted or believed."""
-
-    known_to: KnownToSection = KnownToSection()
-
-
-def read_model_file(path: Path) -> ModelFile:
-    """The model in `path`; BadInput, with file and line, where it cannot be used."""
-    return read_toml(path, ModelFile)
+HEIGHT_OFFSET = "height_offset"
 
 
 def write_model_file(
@@ -33,14 +18,17 @@ def write_model_file(
 
     Raises RigError where the disk refuses.
     """
-    sections = {**fitted_sections(believed, result.supposed.rig), "known_to": fitted_known_to(known_to, result)}
-    comments = [f"Fitted to {source}" for source in sources] + [*result.lines(), *_outside(result)]
-    text = "".join(_comment(line) for line in comments) + "".join(f"\n{_table(name, keys)}" for name, keys in sections.items())
-    write_atomically(path, text.encode("utf-8"))
+    supposed = result.supposed
+    sections = fitted_sections(believed, supposed.rig, supposed.height_offset_m)
+    comments = [*(f"Fitted to {source}" for source in sources), *result.lines(), *_remarks(result)]
+    write_model(path, sections, fitted_known_to(known_to, result), comments)
 
 
-def fitted_sections(believed: Mapping[str, Any], rig: RigModel) -> dict[str, dict[str, Any]]:
-    """The sections leg, ground, sensor, drive with the numbers of `rig`; what the model does not know is kept from `believed`."""
+def fitted_sections(believed: Mapping[str, Any], rig: RigModel, height_offset_m: float = 0.0) -> dict[str, Any]:
+    """The sections leg, ground, sensor, drive and effects with the numbers of `rig`; what the model does not know is kept from `believed`.
+
+    A rack that stands higher than it was said to becomes the effect that says so.
+    """
     leg, ground = rig.leg, rig.ground
     return {
         "leg": {
@@ -63,7 +51,18 @@ def fitted_sections(believed: Mapping[str, Any], rig: RigModel) -> dict[str, dic
         },
         "sensor": {**believed["sensor"], "below_shaft_mm": 1e3 * rig.sensor.below_shaft_m},
         "drive": {**believed["drive"], "ramp_s": rig.drive.ramp_s},
+        "effects": _effects(rig, 1e3 * height_offset_m),
     }
+
+
+def _effects(rig: RigModel, offset_mm: float) -> list[dict[str, Any]]:
+    """Those of the rig; an offset adds to one that was believed already."""
+    effects = [{"id": present.id, "parameters": dict(present.values)} for present in rig.effects]
+    if not offset_mm:
+        return effects
+    believed_mm = sum(dict(present.values)["offset_mm"] for present in rig.effects if present.id == HEIGHT_OFFSET)
+    others = [effect for effect in effects if effect["id"] != HEIGHT_OFFSET]
+    return [*others, {"id": HEIGHT_OFFSET, "parameters": {"offset_mm": believed_mm + offset_mm}}]
 
 
 def fitted_known_to(known_to: Mapping[str, Any], result: FitResult) -> dict[str, float]:
@@ -75,40 +74,13 @@ def fitted_known_to(known_to: Mapping[str, Any], result: FitResult) -> dict[str,
     return found
 
 
-def _outside(result: FitResult) -> list[str]:
-    """What was fitted but has no place in the sections."""
+def _remarks(result: FitResult) -> list[str]:
+    """What the sections do not say of what was fitted."""
     fitted = zip(result.parameters, result.space.parameters, strict=True)
     return [_remark(found) for found, parameter in fitted if found.name == "height" or parameter.known_to is None]
 
 
 def _remark(fitted: FittedParameter) -> str:
     if fitted.name == "height":
-        return f"The rack stood {fitted.value:+.3f} mm, known to {fitted.std:.3f} mm, from the heights stated; no section holds this."
+        return f"The rack stood {fitted.value:+.3f} mm, known to {fitted.std:.3f} mm, from the heights stated: effect {HEIGHT_OFFSET}."
     return f"{fitted.name} is known to {fitted.std:.3g} {fitted.unit} now; [known_to] has no key for it."
-
-
-def _comment(line: str) -> str:
-    """A title may hold line breaks, which would end the comment."""
-    return f"# {''.join(sign if sign.isprintable() else ' ' for sign in line)}".rstrip() + "\n"
-
-
-def _table(name: str, keys: Mapping[str, Any]) -> str:
-    return f"[{name}]\n" + "".join(f"{key} = {_written(value)}\n" for key, value in keys.items() if value is not None)
-
-
-def _written(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_written(inner)}" for key, inner in value.items() if inner is not None) + " }"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_written(inner) for inner in value) + "]"
-    if isinstance(value, str):
-        return '"' + value.translate(_ESCAPES) + '"'
-    return _number(float(value))
-
-
-_ESCAPES = {ord('"'): '\\"', ord("\\"): "\\\\", **{code: f"\\u{code:04x}" for code in (*range(32), 127)}}
-
-
-def _number(value: float) -> str:
-    """Enough digits for any fit; TOML wants a point or an exponent in a float, which numpy gives."""
-    return str(np.format_float_scientific(value, DIGITS, trim="0") if not 1e-3 <= abs(value) < 1e5 else round(value, DIGITS))

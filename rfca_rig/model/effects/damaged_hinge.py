@@ -27,7 +27,7 @@ EFFECT = Effect(
     law="k0 of that hinge times a factor",
     source="-",
     parameters=(
-        Parameter("hinge", 2.0, 7.0),
+        Parameter("hinge", 2.0, 7.0, whole=True),
         Parameter("stiffness_factor", 0.2, 0.95),
     ),
     apply=apply,

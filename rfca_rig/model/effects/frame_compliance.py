@@ -25,8 +25,8 @@ EFFECT = Effect(
     law="m z'' + 2 d m w z' + m w^2 z = - fz",
     source="one vertical degree of freedom",
     parameters=(
-        Parameter("frequency_Hz", 5.0, 100.0),
-        Parameter("moving_mass_kg", 0.5, 50.0),
+        Parameter("frequency_Hz", 5.0, 100.0, may_be_zero=False),
+        Parameter("moving_mass_kg", 0.5, 50.0, may_be_zero=False),
         Parameter("damping_ratio", 0.005, 0.5),
     ),
     apply=apply,

@@ -19,6 +19,6 @@ EFFECT = Effect(
     left_out="soft floor",
     law="N = k depth^1.5 in series with the believed contact",
     source="Hertz contacts in series",
-    parameters=(Parameter("stiffness_N_per_m1p5", 5000.0, 1000000.0),),
+    parameters=(Parameter("stiffness_N_per_m1p5", 5000.0, 1000000.0, may_be_zero=False),),
     apply=apply,
 )

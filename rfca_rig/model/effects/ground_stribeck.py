@@ -26,7 +26,7 @@ EFFECT = Effect(
     source="Stribeck 1902, exponential form",
     parameters=(
         Parameter("rise_relative", 0.05, 1.0),
-        Parameter("speed_m_s", 0.005, 1.0),
+        Parameter("speed_m_s", 0.005, 1.0, may_be_zero=False),
     ),
     apply=apply,
 )

@@ -19,7 +19,7 @@ EFFECT = Effect(
     source="PI speed control of a rotor",
     parameters=(
         Parameter("kp_Nm_s_per_rad", 0.5, 50.0),
-        Parameter("ki_Nm_per_rad", 1.0, 500.0),
+        Parameter("ki_Nm_per_rad", 1.0, 500.0, may_be_zero=False),
     ),
     apply=apply,
 )

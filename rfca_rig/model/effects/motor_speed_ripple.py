@@ -59,8 +59,8 @@ EFFECT = Effect(
     law="w = w_c (1 + a cos(n (theta - theta_0)))",
     source="torque ripple of gear and motor",
     parameters=(
-        Parameter("amplitude_relative", 0.005, 0.3),
-        Parameter("cycles_per_turn", 1.0, 60.0),
+        Parameter("amplitude_relative", 0.005, 0.3, below=1.0),
+        Parameter("cycles_per_turn", 1.0, 60.0, may_be_zero=False),
     ),
     apply=apply,
 )

@@ -38,6 +38,6 @@ EFFECT = Effect(
     left_out="first-order lag of all channels",
     law="tau y' = x - y",
     source="first-order low-pass",
-    parameters=(Parameter("time_constant_s", 0.0005, 0.05),),
+    parameters=(Parameter("time_constant_s", 0.0005, 0.05, may_be_zero=False),),
     apply=apply,
 )

@@ -17,6 +17,6 @@ EFFECT = Effect(
     left_out="twist between motor and leg",
     law="tau = k (theta_motor - theta_leg)",
     source="torsion spring in series with the shaft",
-    parameters=(Parameter("stiffness_Nm_per_rad", 5.0, 2000.0),),
+    parameters=(Parameter("stiffness_Nm_per_rad", 5.0, 2000.0, may_be_zero=False),),
     apply=apply,
 )

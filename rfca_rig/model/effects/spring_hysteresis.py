@@ -35,7 +35,7 @@ EFFECT = Effect(
     source="Bouc 1967, Wen 1976, exponent one",
     parameters=(
         Parameter("strength_relative", 0.02, 1.0),
-        Parameter("saturation_deg", 0.5, 20.0),
+        Parameter("saturation_deg", 0.5, 20.0, may_be_zero=False),
     ),
     apply=apply,
 )

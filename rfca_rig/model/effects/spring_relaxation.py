@@ -44,7 +44,7 @@ EFFECT = Effect(
     source="Maxwell element",
     parameters=(
         Parameter("strength_relative", 0.02, 1.0),
-        Parameter("time_constant_s", 0.01, 5.0),
+        Parameter("time_constant_s", 0.01, 5.0, may_be_zero=False),
     ),
     apply=apply,
 )

@@ -1,0 +1,92 @@
+"""model.toml: a model as the sections that people write, with how well each value is known and where it came from."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rfca_rig.description.believed import model_of
+from rfca_rig.description.sections import KnownToSection, RigSections
+from rfca_rig.description.toml import read_toml
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.recording.atomic import write_atomically
+
+DIGITS = 7
+SECTIONS = ("leg", "ground", "sensor", "drive")
+
+
+class ModelFile(RigSections):
+    """A model file: the four sections, effects, and one standard deviation of each value that was fitted or believed."""
+
+    known_to: KnownToSection = KnownToSection()
+
+    def model(self) -> RigModel:
+        """The model that it describes."""
+        return model_of(self)
+
+    def believed(self) -> dict[str, Any]:
+        """The sections as every recording keeps them, as plain data."""
+        left_out = {"known_to", *(() if self.effects else ("effects",))}
+        return self.model_dump(exclude=left_out, exclude_none=True, mode="json")
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that was found to act: its parameters by name, and one standard deviation of those that have one."""
+
+    id: str
+    parameters: Mapping[str, float]
+    std: Mapping[str, float] = field(default_factory=dict)
+
+
+def read_model_file(path: Path) -> ModelFile:
+    """The model in `path`; BadInput, with file and line, where it cannot be used."""
+    return read_toml(path, ModelFile)
+
+
+def write_model(
+    path: Path, sections: Mapping[str, Any], known_to: Mapping[str, Any], comments: Iterable[str], found: Sequence[FoundEffect] = ()
+) -> None:
+    """Writes a model file, all or nothing, with `comments` at its head.
+
+    `sections` holds leg, ground, sensor and drive as plain data in the file's units, and effects where some were believed already;
+    `found` come behind those. Raises RigError where the disk refuses.
+    """
+    believed = [FoundEffect(effect["id"], effect["parameters"]) for effect in sections.get("effects", ())]
+    tables = [_table(name, keys) for name, keys in {**{name: sections[name] for name in SECTIONS}, "known_to": known_to}.items()]
+    parts = ["".join(_comment(line) for line in comments), *tables, *(_effect(effect) for effect in (*believed, *found))]
+    write_atomically(path, "\n".join(parts).encode("utf-8"))
+
+
+def _comment(line: str) -> str:
+    """A title may hold line breaks, which would end the comment."""
+    return f"# {''.join(sign if sign.isprintable() else ' ' for sign in line)}".rstrip() + "\n"
+
+
+def _table(name: str, keys: Mapping[str, Any]) -> str:
+    return f"[{name}]\n" + "".join(f"{key} = {_written(value)}\n" for key, value in keys.items() if value is not None)
+
+
+def _effect(effect: FoundEffect) -> str:
+    lines = [f"[[effects]]\nid = {_written(effect.id)}\nparameters = {_written(effect.parameters)}\n"]
+    return "".join(lines + [_comment(f"{name} is known to {std:.3g}") for name, std in effect.std.items()])
+
+
+def _written(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {_written(inner)}" for key, inner in value.items() if inner is not None) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_written(inner) for inner in value) + "]"
+    if isinstance(value, str):
+        return '"' + value.translate(_ESCAPES) + '"'
+    return _number(float(value))
+
+
+_ESCAPES = {ord('"'): '\\"', ord("\\"): "\\\\", **{code: f"\\u{code:04x}" for code in (*range(32), 127)}}
+
+
+def _number(value: float) -> str:
+    """Enough digits for any fit; TOML wants a point or an exponent in a float, which numpy gives."""
+    return str(np.format_float_scientific(value, DIGITS, trim="0") if not 1e-3 <= abs(value) < 1e5 else round(value, DIGITS))
