@@ -85,19 +85,6 @@ HELD = Shaft(NOTHING, np.empty((0, 4)), NOTHING, False, 0.0, 0.0, 0.0, 0.0, 0.0,
 
 def at_rest(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaft: Shaft = HELD) -> State:
     """The chain hanging under its weight, its shaft held or on the spring of a soft drive; without friction on the ground."""
-    state = straight(chain, shaft_angle_rad, laws)
-    smooth = chain._replace(mu=0.0, drag=0.0)
-    if not settle(smooth, laws, shaft, state, 1e-12):
-        raise SimulationFailed(
-            f"no rest pose found with the shaft at {np.degrees(shaft_angle_rad):.1f} degrees and "
-            f"{1e3 * chain.ground_depth:.1f} mm above the ground; is the rack height right?"
-        )
-    settle_memory(chain, laws, state)
-    return state
-
-
-def straight(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None) -> State:
-    """The chain held straight, about to be let go."""
     links = chain.length.size
     coordinates = links + (chain.frame_mass > 0.0)
     state = State(
@@ -108,7 +95,23 @@ def straight(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None) -> 
         memory=np.zeros((0 if laws is None else laws.place.size, links, 4)),
     )
     state.q[links:] = 0.0
+    smooth = chain._replace(mu=0.0, drag=0.0)
+    if not settle(smooth, laws, shaft, state, 1e-12):
+        raise SimulationFailed(
+            f"no rest pose found with the shaft at {np.degrees(shaft_angle_rad):.1f} degrees and "
+            f"{1e3 * chain.ground_depth:.1f} mm above the ground; is the rack height right?"
+        )
+    settle_memory(chain, laws, state)
     return state
+
+
+def set_swinging(chain: Chain, laws: Laws | None, state: State, share: float, rate_per_s: float) -> None:
+    """Lifts a resting leg by `share` of its sag, 1 for straight, and has it rise by `rate_per_s` sags per second."""
+    links = chain.length.size
+    sag = state.q[0] - state.q[:links]
+    state.q[:links] += share * sag
+    state.w[:links] += rate_per_s * sag
+    settle_memory(chain, laws, state)
 
 
 def room_for(t_s: Floats, coordinates: int, links: int | None = None) -> Samples:

@@ -9,8 +9,7 @@ GRAVITY_M_S2 = 9.81
 class Leg:
     """A chain of straight uniform links; hinge torque k0 phi + k0 k2 phi^3 + c dphi/dt (paper-style hardening spring).
 
-    `start_angle_rad` is where a stroke begins, measured from the horizontal, positive downwards. `released_s` is how long before the
-    start the leg was let go straight, so that it may still swing when the shaft turns; None for a leg that hangs at rest.
+    `start_angle_rad` is where a stroke begins, measured from the horizontal, positive downwards.
     """
 
     link_lengths_m: tuple[float, ...]
@@ -20,7 +19,6 @@ class Leg:
     k2_per_rad2: float
     hinge_damping_Nm_s_per_rad: float
     start_angle_rad: float
-    released_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -61,11 +59,23 @@ class PresentEffect:
 
 
 @dataclass(frozen=True)
+class Swing:
+    """A leg that is not quite at rest `before_s` ahead of the start: let go there by `share` of its sag above its rest pose (1 is
+    straight), and rising by `rate_per_s` sags per second. One that was held straight and let go a while ago swings like that.
+    """
+
+    before_s: float
+    share: float
+    rate_per_s: float
+
+
+@dataclass(frozen=True)
 class RigModel:
-    """One rig as the model sees it. `effects` act in their order; none is the plain model."""
+    """One rig as the model sees it. `effects` act in their order; none is the plain model. Without `swing` a stroke begins at rest."""
 
     leg: Leg
     ground: Ground
     sensor: SensorMount
     drive: Drive
     effects: tuple[PresentEffect, ...] = ()
+    swing: Swing | None = None

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.model.chain import at_rest, chain_of, laws_of, straight
+from rfca_rig.model.chain import at_rest, chain_of, laws_of, set_swinging
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.laws import LawUse
 from rfca_rig.model.motion import ShaftMotion
@@ -74,17 +74,18 @@ class Setup:
 
     @property
     def begins_s(self) -> float:
-        """When the simulation begins: with the motion at 0, or where a straight leg was let go before."""
-        return -(self.rig.leg.released_s or 0.0)
+        """When the simulation begins: with the motion at 0, or before where the leg swings already."""
+        return -self.rig.swing.before_s if self.rig.swing else 0.0
 
     def begin(self, chain: Chain, laws: Laws | None) -> tuple[Shaft, State]:
-        """The shaft, and the chain as it is at `begins_s`: at rest, or straight."""
-        motion = self.motion if self.begins_s == 0.0 else self.motion.standing_since(self.begins_s)
+        """The shaft, and the chain as it is at `begins_s`: at rest, or swinging."""
+        motion = self.motion.standing_since(self.begins_s) if self.rig.swing else self.motion
         start_rad = float(motion.angle_rad(np.zeros(1))[0])
         shaft = motion.shaft() if self.drive is None else softened(motion.shaft(), self.drive, start_rad)
-        if self.begins_s < 0.0:
-            return shaft, straight(chain, start_rad, laws)
-        return shaft, at_rest(chain, start_rad, laws, shaft) if shaft.free else at_rest(chain, start_rad, laws)
+        state = at_rest(chain, start_rad, laws, shaft) if shaft.free else at_rest(chain, start_rad, laws)
+        if self.rig.swing:
+            set_swinging(chain, laws, state, self.rig.swing.share, self.rig.swing.rate_per_s)
+        return shaft, state
 
     def felt(self, felt: Felt) -> Felt:
         """What the sensor makes of it."""

@@ -49,9 +49,9 @@ def stroke_at_speed(rig: RigModel, height_m: float, speed_rad_s: float, t_s: Flo
 def stroke_following(
     rig: RigModel, height_m: float, motion: ShaftMotion, t_s: Floats, tolerance: Tolerance | None = None
 ) -> SimulatedStroke:
-    """The stroke with the shaft moving as given from t = 0, the leg at rest before or let go `released_s` earlier.
+    """The stroke with the shaft moving as given from t = 0, the leg at rest before unless the rig has it swinging.
 
-    `t_s` (m,) ascending sample times; those before the leg is free show it as it begins. Second order in the step, error-controlled;
+    `t_s` (m,) ascending sample times; those up to the beginning show it as it is then. Second order in the step, error-controlled;
     `tolerance` is per step. Raises SimulationFailed where the integrator cannot go on.
     """
     setup = set_up(rig, height_m, motion)

@@ -1,0 +1,159 @@
+"""Reads a folder of recordings of a pendulum: one or two links without ground, their joints driven by recorded torques.
+
+The folder holds pendulum.toml and a CSV file per run:
+
+    format = "rfca-pendulum/1"
+    title = "..."
+    [link1]                                # from the fixed joint; [link2] hangs on its end, or is left out
+    length_m = 0.5                         # to the next joint, or to the tip
+    mass_kg = 0.6
+    centre_of_mass_m = 0.4                 # from the joint
+    inertia_kg_m2 = 0.11                   # about the joint
+    joint_damping_Nm_s_per_rad = 0.0       # this and the next three may be left out: 0, 0, 0, true
+    joint_friction_Nm = 0.0
+    torque_offset_Nm = 0.0                 # added to the recorded torque
+    driven = true                          # false: no torque acts but those above
+    [known_to]                             # one-sigma of the believed values; what is left out counts as exact
+    mass_relative = 0.02                   # with the mass goes the inertia
+    [columns]                              # what the columns of the CSV files are called; angles from hanging straight,
+    t_s = "time"                           # angle2 from the straight line of link 1
+    angle1_rad = "pos1"                    # angle2_rad, speed1_rad_s, speed2_rad_s, torque1_Nm, torque2_Nm alike
+    [noise_std]                            # optional: angle_rad, speed_rad_s of one sample
+    [[runs]]
+    file = "runs/a.csv"
+    condition = "slow"                     # runs of one condition are repeats
+    repeat = 1
+    from_s = 0.0                           # the part that counts; optional
+    to_s = 5.0
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.campaign.pendulum_layout import FILE_NAME, ColumnsSection, LinkSection, PendulumFile, PendulumRunSection
+from rfca_rig.campaign.table import Table, numbers, read_table
+from rfca_rig.description.toml import place_of, read_toml
+from rfca_rig.errors import BadInput
+from rfca_rig.model.pendulum import Pendulum, PendulumLink
+
+Floats = NDArray[np.float64]
+
+FEWEST_SAMPLES = 10
+
+
+@dataclass(frozen=True)
+class PendulumRun:
+    """One recording: times (m,), joint angles and torques (m, n), speeds (m, n) or None. Joints that are not driven have torque 0."""
+
+    label: str
+    condition: str
+    repeat: int
+    t_s: Floats
+    angle_rad: Floats
+    speed_rad_s: Floats | None
+    torque_Nm: Floats
+
+
+@dataclass(frozen=True)
+class PendulumCampaign:
+    """The believed pendulum, one standard deviation per key of [known_to] and of [noise_std], and the runs."""
+
+    title: str
+    pendulum: Pendulum
+    known_to: dict[str, float]
+    noise_std: dict[str, float]
+    runs: tuple[PendulumRun, ...]
+
+
+def read_pendulum_campaign(folder: Path) -> PendulumCampaign:
+    """The recordings in `folder`. Raises BadInput, one line naming file, line and column, for the first thing that cannot be used."""
+    path = folder / FILE_NAME
+    if not path.is_file():
+        raise BadInput(f"{path}: is not there; recordings of a pendulum are a folder with {FILE_NAME} and CSV files")
+    described = read_toml(path, PendulumFile)
+    _check_columns(path, described)
+    _check_runs(folder, path, described)
+    return PendulumCampaign(
+        title=described.title,
+        pendulum=Pendulum(tuple(_link(link) for link in described.links)),
+        known_to=described.known_to.model_dump(exclude_none=True),
+        noise_std=described.noise_std.model_dump(exclude_none=True),
+        runs=tuple(_run(folder, described, run) for run in described.runs),
+    )
+
+
+def _link(link: LinkSection) -> PendulumLink:
+    return PendulumLink(**link.model_dump())
+
+
+def _check_columns(path: Path, described: PendulumFile) -> None:
+    """Every joint has its angle, every driven one its torque; nothing is named for a joint that is not there."""
+    columns = described.columns
+    for joint, link in enumerate(described.links, start=1):
+        for quantity, needed in ((f"angle{joint}_rad", True), (f"torque{joint}_Nm", link.driven)):
+            if needed and columns.of(quantity) is None:
+                raise BadInput(f"{place_of(path, ('columns',))}: columns.{quantity}: missing; name the CSV column that holds it")
+    if described.link2 is None:
+        for quantity in ("angle2_rad", "speed2_rad_s", "torque2_Nm"):
+            if columns.of(quantity) is not None:
+                raise BadInput(f"{place_of(path, ('columns', quantity))}: columns.{quantity}: there is no [link2] it could belong to")
+
+
+def _check_runs(folder: Path, path: Path, described: PendulumFile) -> None:
+    """Every run is there, has a file of its own and is another repeat of its condition."""
+    files: dict[str, int] = {}
+    repeats: dict[tuple[str, int], int] = {}
+    for place, run in enumerate(described.runs):
+        where = f"{place_of(path, ('runs', place, 'file'))}: runs[{place + 1}]"
+        if run.file in files:
+            raise BadInput(f"{where}.file: {run.file} is already the file of runs[{files[run.file] + 1}]")
+        if not (folder / run.file).is_file():
+            raise BadInput(f"{where}.file: {folder / run.file} is not there")
+        if (run.condition, run.repeat) in repeats:
+            first = repeats[run.condition, run.repeat] + 1
+            raise BadInput(f"{where}.repeat: {run.condition}, repeat {run.repeat} is already runs[{first}]; count the repeats up")
+        files[run.file] = repeats[run.condition, run.repeat] = place
+
+
+def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> PendulumRun:
+    table = read_table(folder / run.file)
+    values = numbers(table)
+    columns, joints = described.columns, range(1, len(described.links) + 1)
+    t_s = _column(table, values, columns, "t_s")
+    _check_time(table, t_s)
+    inside = (t_s >= (-np.inf if run.from_s is None else run.from_s)) & (t_s <= (np.inf if run.to_s is None else run.to_s))
+    if inside.sum() < FEWEST_SAMPLES:
+        raise BadInput(f"{table.path}: {inside.sum()} samples between from_s and to_s; needs {FEWEST_SAMPLES} or more")
+    speeds = [f"speed{joint}_rad_s" for joint in joints]
+    torques = [
+        _column(table, values, columns, f"torque{joint}_Nm") if link.driven else np.zeros(len(t_s))
+        for joint, link in zip(joints, described.links, strict=True)
+    ]
+    angles = [_column(table, values, columns, f"angle{joint}_rad") for joint in joints]
+    has_speeds = all(columns.of(speed) for speed in speeds)
+    return PendulumRun(
+        label=f"{run.condition}, repeat {run.repeat}",
+        condition=run.condition,
+        repeat=run.repeat,
+        t_s=t_s[inside],
+        angle_rad=np.column_stack(angles)[inside],
+        speed_rad_s=np.column_stack([_column(table, values, columns, speed) for speed in speeds])[inside] if has_speeds else None,
+        torque_Nm=np.column_stack(torques)[inside],
+    )
+
+
+def _column(table: Table, values: Floats, columns: ColumnsSection, quantity: str) -> Floats:
+    name = columns.of(quantity)
+    if name not in table.names:
+        raise BadInput(f"{table.path}:1: column {name}, which is to hold {quantity}, is missing; the file has {', '.join(table.names)}")
+    return np.ascontiguousarray(values[:, table.names.index(name)])
+
+
+def _check_time(table: Table, t_s: Floats) -> None:
+    backwards = np.flatnonzero(np.diff(t_s) <= 0.0)
+    if backwards.size:
+        row = int(backwards[0]) + 1
+        raise table.fault(row, f"time does not run forwards: {t_s[row]:g} s after {t_s[row - 1]:g} s")

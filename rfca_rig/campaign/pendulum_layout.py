@@ -1,0 +1,107 @@
+"""What pendulum.toml of `rfca-pendulum/1` may hold."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from rfca_rig.description.sections import NotNegative, Positive, Section
+
+FORMAT = "rfca-pendulum/1"
+FILE_NAME = "pendulum.toml"
+
+Text = Annotated[str, Field(min_length=1)]
+
+
+class LinkSection(Section):
+    """[link1], [link2]: one link and the joint that carries it, as believed; see `model.pendulum.PendulumLink`."""
+
+    length_m: Positive
+    mass_kg: Positive
+    centre_of_mass_m: NotNegative
+    inertia_kg_m2: Positive
+    joint_damping_Nm_s_per_rad: NotNegative = 0.0
+    joint_friction_Nm: NotNegative = 0.0
+    torque_offset_Nm: float = 0.0
+    driven: bool = True
+
+    @model_validator(mode="after")
+    def _turns_heavily_enough(self) -> Self:
+        least = self.mass_kg * self.centre_of_mass_m**2
+        if self.inertia_kg_m2 < least * (1.0 - 1e-9):
+            raise ValueError(f"inertia_kg_m2 is about the joint and so at least {least:.4g}, mass times centre of mass squared")
+        return self
+
+
+class KnownToPendulum(Section):
+    """[known_to]: one standard deviation of each believed value, of each link for itself. What is not listed counts as exact."""
+
+    mass_relative: Positive | None = None
+    centre_of_mass_m: Positive | None = None
+    inertia_relative: Positive | None = None
+    joint_damping_Nm_s_per_rad: Positive | None = None
+    joint_friction_Nm: Positive | None = None
+    torque_offset_Nm: Positive | None = None
+
+
+class ColumnsSection(Section):
+    """[columns]: which column of the CSV files holds what. Speeds may be absent, torques of joints that are not driven too."""
+
+    t_s: Text
+    angle1_rad: Text
+    angle2_rad: Text | None = None
+    speed1_rad_s: Text | None = None
+    speed2_rad_s: Text | None = None
+    torque1_Nm: Text | None = None
+    torque2_Nm: Text | None = None
+
+    def of(self, quantity: str) -> str | None:
+        """The column of "angle1_rad" and so on."""
+        found: str | None = getattr(self, quantity)
+        return found
+
+
+class NoiseSection(Section):
+    """[noise_std]: of one sample. Where it is not given it is taken from neighbouring samples."""
+
+    angle_rad: Positive | None = None
+    speed_rad_s: Positive | None = None
+
+
+class PendulumRunSection(Section):
+    """One recording: its file, its condition in words, its repeat, and the part of it that counts."""
+
+    file: Text
+    condition: Text
+    repeat: Annotated[int, Field(ge=1)] = 1
+    from_s: float | None = None
+    to_s: float | None = None
+
+    @field_validator("file")
+    @classmethod
+    def _inside_the_folder(cls, file: str) -> str:
+        if "\\" in file or file.startswith("/") or ".." in file.split("/"):
+            raise ValueError("must lie inside the folder, with / between folder and file")
+        return file
+
+    @model_validator(mode="after")
+    def _ends_after_it_begins(self) -> Self:
+        if self.from_s is not None and self.to_s is not None and self.to_s <= self.from_s:
+            raise ValueError(f"to_s should be after from_s, {self.from_s:g} s")
+        return self
+
+
+class PendulumFile(Section):
+    """pendulum.toml: the pendulum as it was believed before, how well it was known, and the runs."""
+
+    format: Literal["rfca-pendulum/1"]
+    title: Annotated[str, Field(max_length=1000)]
+    link1: LinkSection
+    link2: LinkSection | None = None
+    known_to: KnownToPendulum = KnownToPendulum()
+    columns: ColumnsSection
+    noise_std: NoiseSection = NoiseSection()
+    runs: Annotated[tuple[PendulumRunSection, ...], Field(strict=False, min_length=1)]
+
+    @property
+    def links(self) -> tuple[LinkSection, ...]:
+        return (self.link1,) if self.link2 is None else (self.link1, self.link2)

@@ -1,0 +1,183 @@
+"""Pendulums: chains of one or more links without ground whose joints are driven by recorded torques.
+
+They run through the compiled chain of the leg. A link without length or mass, held still, stands before the first one, so that every
+joint is a hinge between two links and all laws of hinges act on it. Angles count from the hanging position, from joint 2 on from the
+straight line of the link before.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.errors import BadInput
+from rfca_rig.model.chain import Tolerance, advance, room_for
+from rfca_rig.model.effects.joint_friction import friction_of
+from rfca_rig.model.integrator import FIRST_STEP_S, remember, room_to_work
+from rfca_rig.model.joint_drive import TorqueTrace, drive_of, is_drive, with_traces
+from rfca_rig.model.laws import HINGE, LINK, LawUse
+from rfca_rig.model.motion import ShaftMotion
+from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount
+from rfca_rig.model.setup import Setup, resolved
+from rfca_rig.model.state import Chain, Laws, State
+
+Floats = NDArray[np.float64]
+
+FINE = Tolerance(1e-5, 3e-2)
+HANGING_RAD = 0.5 * np.pi  # of the compiled chain, which counts from the horizontal
+NO_GROUND_M = 1e6
+EVEN_S = 0.1  # for so long the joints are supposed to have turned at their first speed before the start
+
+
+@dataclass(frozen=True)
+class PendulumLink:
+    """One link and the joint that carries it.
+
+    `length_m` to the next joint or to the tip; `centre_of_mass_m` from the joint along the link; `inertia_kg_m2` about the joint.
+    Viscous damping and dry friction of the joint are those believed. A `driven` joint turns under the recorded torque plus
+    `torque_offset_Nm`, any other under none.
+    """
+
+    length_m: float
+    mass_kg: float
+    centre_of_mass_m: float
+    inertia_kg_m2: float
+    joint_damping_Nm_s_per_rad: float = 0.0
+    joint_friction_Nm: float = 0.0
+    torque_offset_Nm: float = 0.0
+    driven: bool = True
+
+
+@dataclass(frozen=True)
+class Pendulum:
+    """Links from the fixed joint outwards. Raises BadInput for none, or for a link that is lighter to turn than its mass alone."""
+
+    links: tuple[PendulumLink, ...]
+
+    def __post_init__(self) -> None:
+        if not self.links:
+            raise BadInput("a pendulum without links; give one or more")
+        for place, link in enumerate(self.links, start=1):
+            least = link.mass_kg * link.centre_of_mass_m**2
+            if link.inertia_kg_m2 < least * (1.0 - 1e-9):
+                raise BadInput(
+                    f"link {place}: {link.inertia_kg_m2:g} kg m2 about the joint is less than its mass has at the centre, {least:g}; "
+                    f"give the inertia about the joint, not about the centre of mass"
+                )
+
+
+@dataclass(frozen=True)
+class Swing:
+    """A simulated motion: joint angles and speeds (m, n) at the times (m,)."""
+
+    t_s: Floats
+    angle_rad: Floats
+    speed_rad_s: Floats
+
+
+@dataclass(frozen=True)
+class DrivenPendulum:
+    """A pendulum with its effects, ready to swing any number of times."""
+
+    pendulum: Pendulum
+    chain: Chain
+    uses: tuple[LawUse, ...]
+    laws: Laws
+
+    def swing(self, trace: TorqueTrace, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance = FINE) -> Swing:
+        """The motion from `angle_rad`, `speed_rad_s` (n,) at t = 0; `t_s` (m,) ascending, above 0.
+
+        Raises BadInput where the trace has not one torque per joint, SimulationFailed where the integrator cannot go on.
+        """
+        n = len(self.pendulum.links)
+        if trace.torque_Nm.shape[1:] != (n,) or angle_rad.shape != (n,) or speed_rad_s.shape != (n,):
+            raise BadInput(f"{n} joints, but torques of {trace.torque_Nm.shape[1:]}, angles of {angle_rad.shape}; give one per joint")
+        offset = np.array([link.torque_offset_Nm for link in self.pendulum.links])
+        laws = with_traces(self.laws, self.uses, TorqueTrace(trace.step_s, trace.torque_Nm + offset))
+        state, samples = self._begin(laws, angle_rad, speed_rad_s), room_for(t_s, n + 1)
+        advance(self.chain, FIXED.shaft(), state, (0.0, float(t_s[-1])), FIRST_STEP_S, tolerance, samples, laws)
+        return Swing(t_s, np.diff(samples.q, axis=1), np.diff(samples.w, axis=1))
+
+    def _begin(self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats) -> State:
+        """Laws with memory remember a turn at even speed, so that friction is fully there from the start in a joint that moves."""
+        links = len(self.chain.length)
+        q, w = HANGING_RAD + np.append(0.0, np.cumsum(angle_rad)), np.append(0.0, np.cumsum(speed_rad_s))
+        state = State(q, w, np.zeros(links), np.zeros(links), np.zeros((len(self.uses), links, 4)))
+        work = room_to_work(links, links)
+        work.w[:] = w
+        for ago_s in (EVEN_S, 0.0):
+            work.q[:] = q - ago_s * w
+            remember(self.chain, laws, state, EVEN_S, work)
+        for place, use in enumerate(self.uses):
+            if is_drive(use):
+                state.memory[place] = 0.0
+        return state
+
+
+FIXED = ShaftMotion(np.array([0.0, 1.0]), np.array([[HANGING_RAD, 0.0, 0.0, 0.0]]), np.empty(0))
+
+
+def driven(pendulum: Pendulum, effects: Sequence[PresentEffect] = ()) -> DrivenPendulum:
+    """The pendulum with effects, acting in their order. Raises BadInput for one that it has no place for."""
+    setup = _set_up(pendulum)
+    for present in effects:
+        effect, values = resolved(present)
+        setup, before = effect.apply(setup, values), setup
+        if effect.where == "ground" or not _acts(before, setup):
+            raise BadInput(f"effect {present.id}: acts on ground, shaft or force sensor, which a pendulum does not have; leave it out")
+    chain = setup.chain()
+    laws = setup.compiled_laws(chain)
+    if laws is None or chain.frame_mass > 0.0:
+        raise BadInput("a pendulum hangs from a fixed joint; leave frame_compliance out")
+    return DrivenPendulum(pendulum, chain, setup.laws, laws)
+
+
+def swing(
+    pendulum: Pendulum,
+    trace: TorqueTrace,
+    angle_rad: Floats,
+    speed_rad_s: Floats,
+    t_s: Floats,
+    effects: Sequence[PresentEffect] = (),
+    tolerance: Tolerance = FINE,
+) -> Swing:
+    """One motion of a pendulum; see `DrivenPendulum.swing`."""
+    return driven(pendulum, effects).swing(trace, angle_rad, speed_rad_s, t_s, tolerance)
+
+
+def _acts(before: Setup, after: Setup) -> bool:
+    """Whether an effect changed anything that a pendulum has."""
+    parts = ((before.chain_changes, after.chain_changes), (before.laws, after.laws), (before.rig.leg, after.rig.leg))
+    changed = any(old is not new for old, new in parts)
+    elsewhere = after.drive is not before.drive or any(use.place not in (HINGE, LINK) for use in after.laws)
+    return changed and not elsewhere
+
+
+def _set_up(pendulum: Pendulum) -> Setup:
+    """The plain pendulum. Its leg is made of rods; lengths and believed damping hold, the masses are put right in the chain."""
+    links = pendulum.links
+    leg = Leg((0.0, *(link.length_m for link in links)), (0.0, *(link.mass_kg for link in links)), 0.0, 0.0, 0.0, 0.0, 0.0)
+    rig = RigModel(leg, Ground(0.0, 0.0, 0.0, 1.0, 0.0), SensorMount(0.0), Drive(1.0))
+    drives = tuple(drive_of(joint) for joint, link in enumerate(links, start=1) if link.driven)
+    friction = tuple(friction_of(link.joint_friction_Nm, joint) for joint, link in enumerate(links, start=1) if link.joint_friction_Nm)
+    return Setup(rig, NO_GROUND_M, FIXED, (lambda chain: _weighted(chain, pendulum),), drives + friction)
+
+
+def _weighted(chain: Chain, pendulum: Pendulum) -> Chain:
+    """The chain with the masses, inertias and joint damping of the pendulum.
+
+    M_ij = S_i^j, the moment of mass that link i (the one nearer the fixed joint) carries at its end, and of its own; see `state`.
+    """
+    links, n = pendulum.links, len(chain.length)
+    beyond = np.append(np.cumsum([link.mass_kg for link in links[::-1]])[::-1][1:], 0.0)
+    own = np.array([link.mass_kg * link.centre_of_mass_m for link in links])
+    first = own + beyond * chain.length[1:]
+    moment, first_moment, damping = np.zeros((n, n)), np.zeros(n), chain.hinge_damping.copy()
+    moment[1:, 1:] = np.tril(np.outer(first, chain.length[1:]), -1)
+    moment += moment.T
+    for i, link in enumerate(links):
+        moment[i + 1, i + 1] = link.inertia_kg_m2 + beyond[i] * link.length_m**2
+        damping[i + 1] += link.joint_damping_Nm_s_per_rad
+    first_moment[1:] = first
+    return chain._replace(moment=moment, first_moment=first_moment, hinge_damping=damping)
