@@ -13,12 +13,11 @@ Tangential = tuple[float, float, float, float]
 
 @compiled
 def normal_force(stiffness: float, damping: float, depth: float, rate: float) -> tuple[float, float, float]:
-    """Hertz with damping while approaching, eq. (17): (N, dN/d depth, dN/d rate)."""
-    root = np.sqrt(depth)
+    """Hertz with damping, eq. (17): (N, dN/d depth, dN/d rate). An end that leaves is pushed less, but never pulled."""
+    root, grow = np.sqrt(depth), 1.0 + damping * rate
+    if grow <= 0.0:
+        return 0.0, 0.0, 0.0
     N, N_depth = stiffness * depth * root, 1.5 * stiffness * root
-    if rate <= 0.0:
-        return N, N_depth, 0.0
-    grow = 1.0 + damping * rate
     return N * grow, N_depth * grow, N * damping
 
 

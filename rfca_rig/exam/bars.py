@@ -1,0 +1,57 @@
+"""The bars that the marks are held against."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rfca_rig.exam.score import Marks, Share
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One mark, what is asked of it, and whether it passes; a mark that nothing was there for does neither."""
+
+    name: str
+    value: float
+    at_least: float | None
+    at_most: float | None
+    counted: str
+
+    @property
+    def passed(self) -> bool | None:
+        if not np.isfinite(self.value):
+            return None
+        return (self.at_least is None or self.value >= self.at_least) and (self.at_most is None or self.value <= self.at_most)
+
+
+def bars(marks: Marks) -> Sequence[Bar]:
+    """All bars, the most important first."""
+    found, given = marks.calibration, marks.values
+    return (
+        _most("false names where nothing is missing", marks.null_false_claims, 0.0),
+        _most("wrong among all names", marks.false_discoveries, 0.05),
+        _most("strangers given a wrong name at 90 % or more", marks.stranger_confident_wrong, 0.05),
+        _least("strangers told as unexplained", marks.stranger_unexplained, 0.8),
+        _least("one effect that can be seen: right, or in its class", marks.single_in_class_detectable, 0.9),
+        _least("two effects that can be seen: exactly both", marks.pairs_exact_detectable, 0.8),
+        _least("two effects: no wrong name", marks.pairs_without_wrong, 0.9),
+        _least("right family with a wrong law: family, or unexplained", marks.wrong_law_acceptable, 0.9),
+        _most("poor data: wrong names", marks.poor_data_wrong, 0.05),
+        _most("wrong metadata: wrong names", marks.mislabelled_wrong, 0.05),
+        _least("truth in the class that was given", marks.truth_in_class, 0.95),
+        Bar("mean size of a class", marks.mean_class_size, None, 3.0, ""),
+        Bar("calibration error of probabilities", found.ece, None, 0.05, ""),
+        Bar("right among claims at 90 % or more", found.confident_right, 0.9, None, f"{found.confident} claims"),
+        Bar("median error of parameters", given.median_error, None, 0.1, f"{given.count} values"),
+        Bar("parameters inside their 90 % interval", given.coverage_90, 0.85, 0.95, f"{given.count} values"),
+        Bar("gap closed on held-out conditions", marks.gap_closed, 0.8, None, f"{marks.gap_worse.of} cases"),
+    )
+
+
+def _most(name: str, share: Share, limit: float) -> Bar:
+    return Bar(name, share.value, None, limit, f"{share.hits} of {share.of}")
+
+
+def _least(name: str, share: Share, limit: float) -> Bar:
+    return Bar(name, share.value, limit, None, f"{share.hits} of {share.of}")

@@ -1,0 +1,125 @@
+"""A case written as a campaign folder, as a lab would hand it in."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.exam.cases import Case
+from rfca_rig.exam.designs import Design
+from rfca_rig.exam.experiment import Stage, static_table, stroke
+from rfca_rig.exam.labels import columns_as_written, speed_as_written
+from rfca_rig.exam.rig_of import drawn_scatter, world_of
+from rfca_rig.exam.sensor import Noise
+
+Floats = NDArray[np.float64]
+
+DIGITS = {"t_s": 4, "shaft_angle_rad": 5, "shaft_speed_rad_s": 4, "motor_torque_Nm": 3, "fx_N": 3, "fy_N": 3, "fz_N": 3}
+TORQUE_DIGITS = 4
+STATIC_RAMPS_S = (0.005, 0.012)  # how fast the shaft stops at a static stage is not written anywhere
+
+HEAD = """format = "rfca-campaign/1"
+title = "A campaign"
+
+[leg]
+link_lengths_mm = [54.000, 39.333, 39.333, 39.333, 39.333, 39.333, 39.333]
+link_masses_g = [59.586, 43.402, 43.402, 43.402, 43.402, 43.402, 43.402]
+link_radius_mm = 3.0
+hinge_torque_Nm = "k0*phi + k0*k2*phi**3"
+k0_Nm_per_rad = 11.0
+k2_per_rad2 = 4.2
+hinge_damping_Nm_s_per_rad = 0.05
+start_angle_rad = 0.226893
+
+[ground]
+contact_stiffness_N_per_m1p5 = 1.0e5
+contact_damping_s_per_m = 1.0
+friction_coefficient = 0.45
+
+[sensor]
+below_shaft_mm = 45.0
+noise_std = { fy_N = 0.10, fz_N = 0.15, tx_Nm = 0.006 }
+tared = "without the leg"
+
+[drive]
+ramp_s = 0.05
+mode = "speed"
+
+[known_to]
+height_mm = 0.2
+start_angle_deg = 0.3
+friction_coefficient = 0.05
+k0_relative = 0.03
+mass_relative = 0.01
+hinge_damping_relative = 0.5
+contact_stiffness_relative = 0.5
+"""
+
+
+def write_campaign(case: Case, folder: Path) -> None:
+    """Writes the case's campaign into `folder`, which is made; nothing in it says what is concealed."""
+    random = np.random.default_rng(case.seed)
+    (folder / "runs").mkdir(parents=True)
+    entries = [*_strokes(case, folder, random), *_static(case, folder, random)]
+    (folder / "campaign.toml").write_text("\n".join([HEAD, *entries]), encoding="utf-8")
+
+
+def _strokes(case: Case, folder: Path, random: np.random.Generator) -> list[str]:
+    """Writes the strokes; returns their entries. The effect's size varies between conditions where the case says so."""
+    entries: list[str] = []
+    speeds = tuple(speed for _, speed in case.design.conditions)
+    for height_mm, speed in case.design.conditions:
+        stronger = _stronger(case, random)
+        for repeat in range(1, case.design.repeats + 1):
+            world = world_of(case, 1e-3 * height_mm, drawn_scatter(random), repeat, stronger)
+            columns = columns_as_written(stroke(world, speed, Noise(), random), case.mislabelled)
+            file = f"runs/dynamic-{len(entries) + 1:02d}.csv"
+            (folder / file).write_text(_csv(columns), encoding="utf-8")
+            entries.append(_entry(file, height_mm, speed_as_written(speed, speeds, case.mislabelled), repeat))
+    return entries
+
+
+def _stronger(case: Case, random: np.random.Generator) -> float:
+    spread = case.uneven.per_condition if case.uneven is not None else 0.0
+    return float(max(1.0 + spread * random.normal(), 0.2))
+
+
+def _static(case: Case, folder: Path, random: np.random.Generator) -> list[str]:
+    """Writes the static table, if there is one; returns its entry."""
+    stages = _stages(case, case.design, random)
+    if not stages:
+        return []
+    (folder / "runs" / "static.csv").write_text(_static_csv(stages, case.mislabelled), encoding="utf-8")
+    return ['[[runs]]\nexperiment = "static"\nfile = "runs/static.csv"\n']
+
+
+def _stages(case: Case, design: Design, random: np.random.Generator) -> list[Stage]:
+    stages: list[Stage] = []
+    ramp_s = float(random.uniform(*STATIC_RAMPS_S))
+    for height_mm in design.static_heights_mm:
+        world = world_of(case, 1e-3 * height_mm, drawn_scatter(random), 1, _stronger(case, random))
+        stages += static_table(world, height_mm, ramp_s, random)
+    return stages
+
+
+def _entry(file: str, height_mm: float, speed: float, repeat: int) -> str:
+    condition = f"height_mm = {height_mm:.1f}\nspeed_rad_s = {float(speed)!r}\nrepeat = {repeat}\n"
+    return f'[[runs]]\nexperiment = "dynamic"\nfile = "{file}"\n{condition}'
+
+
+def _csv(columns: dict[str, Floats]) -> str:
+    form = ",".join(f"%.{DIGITS.get(name, TORQUE_DIGITS)}f" for name in columns)
+    rows = np.column_stack(list(columns.values()))
+    return "\n".join([",".join(columns), *(form % tuple(row) for row in rows.tolist())]) + "\n"
+
+
+def _static_csv(stages: list[Stage], mislabelled: str | None) -> str:
+    forces = {name: np.array([getattr(stage, name) for stage in stages]) for name in ("fy_N", "fz_N", "tx_Nm")}
+    written = columns_as_written(forces, mislabelled)
+    header = "height_mm,stage,direction,shaft_angle_rad,hinge2_deg,hinge3_deg,hinge4_deg,hinge5_deg,hinge6_deg,hinge7_deg,fy_N,fz_N,tx_Nm"
+    lines = [header]
+    for i, stage in enumerate(stages):
+        hinges = ",".join(f"{angle:.4f}" for angle in stage.hinge_deg)
+        felt = ",".join(f"{written[name][i]:.4f}" for name in ("fy_N", "fz_N", "tx_Nm"))
+        lines.append(f"{stage.height_mm:g},{stage.stage},{stage.direction},{stage.shaft_angle_rad:.4f},{hinges},{felt}")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,147 @@
+"""The cases of the exam: what is concealed in each, drawn from one seed."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+
+from rfca_rig.exam.believed import OffBy, drawn_off
+from rfca_rig.exam.designs import ONE_STROKE, PAPER_CONDITIONS, THREE_BY_THREE, Design
+from rfca_rig.exam.labels import MISLABELLED
+from rfca_rig.exam.sizes import SPANS, stranger_values, values_of
+from rfca_rig.exam.strangers import NAMES
+from rfca_rig.exam.structured import Structured, drawn_structured
+from rfca_rig.exam.uneven import Uneven, drawn_uneven
+
+NOTHING, MODEL_ERROR, SINGLE, PAIR, STRANGER, WRONG_LAW, POOR_DATA, MISLABEL = KINDS = (
+    "nothing missing",
+    "nothing missing, model error",
+    "one effect",
+    "two effects",
+    "stranger",
+    "right family, wrong law",
+    "poor data",
+    "wrong metadata",
+)
+
+DEFAULT_NUMBERS: Mapping[str, int] = {
+    NOTHING: 60,
+    MODEL_ERROR: 60,
+    SINGLE: 125,
+    PAIR: 70,
+    STRANGER: 65,
+    WRONG_LAW: 60,
+    POOR_DATA: 30,
+    MISLABEL: 30,
+}
+
+LEVELS = 5
+# the second of each cannot be told from the first by a model that has one coordinate for both
+NEVER_TOGETHER = ({"motor_speed_droop", "shaft_compliance"}, {"sensor_lag", "clock_offset"})
+
+Values = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One campaign to be written. `effects` are of the catalogue, `strangers` of none; by id, with their parameters.
+
+    `strength` is from 0, hardly visible, to 1; `model_error` the share of structured error; `mislabelled` names what the campaign's own
+    file says wrongly; `seed` decides scatter and noise.
+    """
+
+    id: str
+    kind: str
+    seed: int
+    design: Design
+    off: OffBy
+    effects: Mapping[str, Values] = field(default_factory=dict)
+    strangers: Mapping[str, Values] = field(default_factory=dict)
+    strength: float = 0.0
+    model_error: float = 0.0
+    structured: Structured | None = None
+    uneven: Uneven | None = None
+    mislabelled: str | None = None
+
+
+def drawn_cases(seed: int, numbers: Mapping[str, int] = DEFAULT_NUMBERS) -> list[Case]:
+    """As many cases of each kind as `numbers` says, in random order so that a name tells nothing. The same seed, the same cases.
+
+    Case i of a kind does not depend on how many there are of it or of others, but for its id.
+    """
+    drawn = [_drawn(kind, i, np.random.default_rng([seed, KINDS.index(kind), i])) for kind in KINDS for i in range(numbers.get(kind, 0))]
+    order = np.random.default_rng(seed).permutation(len(drawn))
+    return [replace(drawn[j], id=f"case-{place:04d}") for place, j in enumerate(order, start=1)]
+
+
+def shared_out(total: int) -> dict[str, int]:
+    """`total` cases, kinds in the proportions of the whole exam."""
+    whole = sum(DEFAULT_NUMBERS.values())
+    exact = {kind: total * number / whole for kind, number in DEFAULT_NUMBERS.items()}
+    numbers = {kind: int(share) for kind, share in exact.items()}
+    rest = sorted(KINDS, key=lambda kind: numbers[kind] - exact[kind])
+    for kind in rest[: total - sum(numbers.values())]:
+        numbers[kind] += 1
+    return numbers
+
+
+def _drawn(kind: str, i: int, random: np.random.Generator) -> Case:
+    design = PAPER_CONDITIONS if random.random() < 0.2 else THREE_BY_THREE
+    off = OffBy() if kind == NOTHING and i % 2 == 0 else drawn_off(random)
+    case = Case(id="", kind=kind, seed=int(random.integers(2**31)), design=design, off=off)
+    if kind not in (NOTHING, POOR_DATA) and (kind == MODEL_ERROR or random.random() < 0.5):
+        share = float(random.uniform(0.005, 0.02)) if kind == MODEL_ERROR else 0.005
+        case = replace(case, model_error=share, structured=drawn_structured(share, random))
+    return FILLED[kind](case, i, random)
+
+
+def _nothing(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
+    return case
+
+
+def _single(case: Case, i: int, random: np.random.Generator) -> Case:
+    """The effects in turn, and for each of them the five levels in turn; strides, so that a few cases are a mixture too."""
+    effect = tuple(SPANS)[7 * i % len(SPANS)]
+    strength = ((i + i // len(SPANS)) % LEVELS + random.random()) / LEVELS
+    return replace(case, effects={effect: values_of(effect, strength, random)}, strength=strength)
+
+
+def _pair(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
+    pairs = [pair for pair in combinations(SPANS, 2) if set(pair) not in NEVER_TOGETHER]
+    pair = pairs[random.integers(len(pairs))]
+    strength = float(random.uniform(0.4, 1.0))
+    return replace(case, effects={effect: values_of(effect, strength, random) for effect in pair}, strength=strength)
+
+
+def _stranger(case: Case, i: int, random: np.random.Generator) -> Case:
+    name, strength = NAMES[5 * i % len(NAMES)], float(random.uniform(0.2, 1.0))
+    return replace(case, strangers={name: stranger_values(name, strength, random)}, strength=strength)
+
+
+def _wrong_law(case: Case, i: int, random: np.random.Generator) -> Case:
+    uneven = drawn_uneven(i, random)
+    strength = float(random.uniform(0.4, 1.0))
+    return replace(case, effects={uneven.effect: values_of(uneven.effect, strength, random)}, strength=strength, uneven=uneven)
+
+
+def _poor_data(case: Case, i: int, random: np.random.Generator) -> Case:
+    """One stroke. Half of them hide nothing."""
+    single = replace(case, design=ONE_STROKE)
+    return single if i % 2 == 0 else _single(single, int(random.integers(len(SPANS) * LEVELS)), random)
+
+
+def _mislabelled(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
+    return replace(case, mislabelled=tuple(MISLABELLED)[i % len(MISLABELLED)])
+
+
+FILLED: Mapping[str, Callable[[Case, int, np.random.Generator], Case]] = {
+    NOTHING: _nothing,
+    MODEL_ERROR: _nothing,
+    SINGLE: _single,
+    PAIR: _pair,
+    STRANGER: _stranger,
+    WRONG_LAW: _wrong_law,
+    POOR_DATA: _poor_data,
+    MISLABEL: _mislabelled,
+}

@@ -1,0 +1,170 @@
+"""The catalogue's effects as the exam's simulator knows them: each puts one piece of physics into a world.
+
+Ids and parameters are those of the catalogue; the laws are written anew, from what the catalogue says of each.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from rfca_rig.errors import BadInput
+from rfca_rig.exam.world import World, everywhere
+
+Values = Mapping[str, float]
+
+SHAFT_RELAXATION_S = 1e-3  # inner damping of a twisted shaft over its stiffness: it does not ring
+
+
+def with_effect(world: World, effect_id: str, values: Values) -> World:
+    """The world with one effect more. Raises BadInput for an id that the exam cannot conceal."""
+    if effect_id not in EFFECTS:
+        raise BadInput(f"the exam has no effect {effect_id!r}; it has {', '.join(EFFECTS)}")
+    return EFFECTS[effect_id](world, values)
+
+
+def hinge_coulomb_friction(world: World, values: Values) -> World:
+    return replace(world, hinges=replace(world.hinges, pin_Nm=everywhere(values["torque_Nm"])))
+
+
+def hinge_viscous_damping(world: World, values: Values) -> World:
+    more = tuple(c + values["coefficient_Nm_s_per_rad"] for c in world.hinges.damping_Nm_s_per_rad)
+    return replace(world, hinges=replace(world.hinges, damping_Nm_s_per_rad=more))
+
+
+def hinge_backlash(world: World, values: Values) -> World:
+    return replace(world, hinges=replace(world.hinges, gap_rad=everywhere(float(np.radians(values["half_gap_deg"])))))
+
+
+def hinge_stop(world: World, values: Values) -> World:
+    stop = everywhere(float(np.radians(values["angle_deg"])))
+    return replace(world, hinges=replace(world.hinges, stop_rad=stop, stop_Nm_per_rad=everywhere(values["stiffness_Nm_per_rad"])))
+
+
+def spring_hysteresis(world: World, values: Values) -> World:
+    width = float(np.radians(values["saturation_deg"]))
+    torque = tuple(values["strength_relative"] * k0 * width for k0 in world.hinges.k0_Nm_per_rad)
+    return replace(world, hinges=replace(world.hinges, loop_Nm=torque, loop_rad=everywhere(width)))
+
+
+def spring_relaxation(world: World, values: Values) -> World:
+    arm = tuple(values["strength_relative"] * k0 for k0 in world.hinges.k0_Nm_per_rad)
+    return replace(world, hinges=replace(world.hinges, arm_Nm_per_rad=arm, arm_s=everywhere(values["time_constant_s"])))
+
+
+def damaged_hinge(world: World, values: Values) -> World:
+    """Hinge 2 is the first behind the shaft."""
+    k0 = list(world.hinges.k0_Nm_per_rad)
+    k0[round(values["hinge"]) - 2] *= values["stiffness_factor"]
+    return replace(world, hinges=replace(world.hinges, k0_Nm_per_rad=tuple(k0)))
+
+
+def stiffness_hardening(world: World, values: Values) -> World:
+    return replace(world, hinges=replace(world.hinges, k2_per_rad2=everywhere(values["k2_per_rad2"])))
+
+
+def tip_mass(world: World, values: Values) -> World:
+    return replace(world, links=replace(world.links, tip_mass_kg=1e-3 * values["mass_g"]))
+
+
+def fluid_drag(world: World, values: Values) -> World:
+    return replace(world, links=replace(world.links, drag_N_s2_per_m3=values["coefficient_N_s2_per_m3"]))
+
+
+def ground_stribeck(world: World, values: Values) -> World:
+    return replace(world, floor=replace(world.floor, stribeck_rise=values["rise_relative"], stribeck_m_s=values["speed_m_s"]))
+
+
+def ground_compliance(world: World, values: Values) -> World:
+    """Two Hertz contacts in series share a force; their depths add."""
+    yields = sum(k ** (-1.0 / world.floor.exponent) for k in (world.floor.stiffness, values["stiffness_N_per_m1p5"]))
+    return replace(world, floor=replace(world.floor, stiffness=yields**-world.floor.exponent))
+
+
+def ground_tilt(world: World, values: Values) -> World:
+    return replace(world, floor=replace(world.floor, slope=values["slope"]))
+
+
+def ground_adhesion(world: World, values: Values) -> World:
+    return replace(world, floor=replace(world.floor, adhesion_N=values["force_N"]))
+
+
+def motor_speed_droop(world: World, values: Values) -> World:
+    kp, ki = values["kp_Nm_s_per_rad"], values["ki_Nm_per_rad"]
+    return replace(world, drive=replace(world.drive, kp_Nm_s_per_rad=kp, ki_Nm_per_rad=ki))
+
+
+def motor_speed_ripple(world: World, values: Values) -> World:
+    drive = replace(world.drive, ripple_share=values["amplitude_relative"], ripple_cycles=values["cycles_per_turn"])
+    return replace(world, drive=drive)
+
+
+def shaft_compliance(world: World, values: Values) -> World:
+    k = values["stiffness_Nm_per_rad"]
+    return replace(world, drive=replace(world.drive, shaft_Nm_per_rad=k, shaft_Nm_s_per_rad=SHAFT_RELAXATION_S * k))
+
+
+def frame_compliance(world: World, values: Values) -> World:
+    mass, rate = values["moving_mass_kg"], 2.0 * np.pi * values["frequency_Hz"]
+    damping = 2.0 * values["damping_ratio"] * mass * rate
+    return replace(world, mount=replace(world.mount, frame_kg=mass, frame_N_per_m=mass * rate**2, frame_N_s_per_m=damping))
+
+
+def height_offset(world: World, values: Values) -> World:
+    return replace(world, mount=replace(world.mount, height_m=world.mount.height_m + 1e-3 * values["offset_mm"]))
+
+
+def gravity_tilt(world: World, values: Values) -> World:
+    return replace(world, mount=replace(world.mount, lean_rad=values["angle_rad"]))
+
+
+def sensor_lag(world: World, values: Values) -> World:
+    return replace(world, sensing=replace(world.sensing, lag_s=values["time_constant_s"]))
+
+
+def clock_offset(world: World, values: Values) -> World:
+    return replace(world, sensing=replace(world.sensing, clock_offset_s=values["offset_s"]))
+
+
+def sensor_crosstalk(world: World, values: Values) -> World:
+    return replace(world, sensing=replace(world.sensing, fz_per_fy=values["fz_per_fy"]))
+
+
+def sensor_drift(world: World, values: Values) -> World:
+    return replace(world, sensing=replace(world.sensing, drift_N_per_s=values["rate_N_per_s"]))
+
+
+def sensor_gain(world: World, values: Values) -> World:
+    return replace(world, sensing=replace(world.sensing, gain=values["factor"]))
+
+
+EFFECTS: Mapping[str, Callable[[World, Values], World]] = {
+    effect.__name__: effect
+    for effect in (
+        hinge_coulomb_friction,
+        hinge_viscous_damping,
+        hinge_backlash,
+        hinge_stop,
+        spring_hysteresis,
+        spring_relaxation,
+        damaged_hinge,
+        stiffness_hardening,
+        tip_mass,
+        fluid_drag,
+        ground_stribeck,
+        ground_compliance,
+        ground_tilt,
+        ground_adhesion,
+        motor_speed_droop,
+        motor_speed_ripple,
+        shaft_compliance,
+        frame_compliance,
+        height_offset,
+        gravity_tilt,
+        sensor_lag,
+        clock_offset,
+        sensor_crosstalk,
+        sensor_drift,
+        sensor_gain,
+    )
+}

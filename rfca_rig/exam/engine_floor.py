@@ -1,0 +1,119 @@
+"""What the floor does to the circles at the link ends."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.exam.compiled import compiled
+from rfca_rig.exam.engine_body import COS, FD, FY, MOMENT, SIN, SPIN, VD, VY, D, Y
+from rfca_rig.exam.engine_hinge import dahl
+
+Floats = NDArray[np.float64]
+
+# entries of `floor` (19)
+(
+    STIFFNESS,
+    DAMPING,
+    MU,
+    EXPONENT,
+    TWO_SIDED,
+    PRESLIDING,
+    DRAG,
+    LEVER,
+    RISE,
+    RISE_SPEED,
+    BACKWARD,
+    SLOPE,
+    BUMP,
+    BUMP_AT,
+    BUMP_WIDTH,
+    ADHESION,
+    MAGNET,
+    REACH,
+    HEIGHT,
+) = range(19)
+
+HOLD_M = 2e-4  # depth over which adhesion takes hold
+ELASTIC_SHARE = 0.7  # of the way to full friction that a straight line of the first slope would take
+
+
+@compiled
+def normal_force(floor: Floats, depth: float, rate: float) -> float:
+    """Hunt and Crossley, with or without the branch of separation, less what adhesion holds."""
+    power = depth * np.sqrt(depth) if floor[EXPONENT] == 1.5 else depth ** floor[EXPONENT]
+    closing = rate if rate > 0.0 or floor[TWO_SIDED] != 0.0 else 0.0
+    force = floor[STIFFNESS] * power * max(1.0 + floor[DAMPING] * closing, 0.0)
+    if floor[ADHESION] != 0.0:
+        force -= floor[ADHESION] * np.tanh(depth / HOLD_M)
+    return float(force)
+
+
+@compiled
+def friction_limit(floor: Floats, slip: float, share: float) -> float:
+    """Friction coefficient at a slip speed; `share` tells the direction that a stuck end resists."""
+    mu = floor[MU]
+    if floor[RISE] != 0.0:
+        mu *= 1.0 + floor[RISE] * np.exp(-abs(slip) / floor[RISE_SPEED])
+    return float(mu * floor[BACKWARD] if share < 0.0 else mu)
+
+
+@compiled
+def elevation(floor: Floats, y: float) -> tuple[float, float]:
+    """Height of the floor above its level at the shaft, and its slope."""
+    rise, slope = floor[SLOPE] * y, floor[SLOPE]
+    if floor[BUMP] != 0.0:
+        x = (y - floor[BUMP_AT]) / floor[BUMP_WIDTH]
+        bump = floor[BUMP] * np.exp(-x * x)
+        rise += bump
+        slope -= 2.0 * x / floor[BUMP_WIDTH] * bump
+    return rise, slope
+
+
+@compiled
+def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: float, keep: bool, load: Floats) -> None:
+    """Adds the floor's forces at all ends to `load`; with `keep`, brings `used` (n,), the friction in use, up to date instead."""
+    n = load.shape[1]
+    for k in range(n):
+        y, d = pose[Y, k + 1], pose[D, k + 1]
+        rise, slope = elevation(floor, y)
+        cos = 1.0 / np.sqrt(1.0 + slope * slope)
+        sin = slope * cos
+        depth = (d - floor[HEIGHT] + rise) * cos + radius
+        if depth <= 0.0:
+            if keep:
+                used[k] = 0.0
+            continue
+        rate = pose[VY, k + 1] * sin + pose[VD, k + 1] * cos
+        lever = radius - floor[LEVER] * depth
+        slip = pose[VY, k + 1] * cos - pose[VD, k + 1] * sin - lever * pose[SPIN, k]
+        share = dahl(used[k], slip * seconds, ELASTIC_SHARE * floor[PRESLIDING])
+        if keep:
+            used[k] = share
+            continue
+        N = normal_force(floor, depth, rate)
+        F = -friction_limit(floor, slip, share) * abs(N) * share - floor[DRAG] * slip
+        load[FY, k] += F * cos - N * sin
+        load[FD, k] -= F * sin + N * cos
+        load[MOMENT, k] -= lever * F
+
+
+@compiled
+def attract(floor: Floats, radius: float, pose: Floats, load: Floats) -> None:
+    """A magnet under the floor that pulls the tip down."""
+    if floor[MAGNET] != 0.0:
+        n = load.shape[1]
+        gap = max(floor[HEIGHT] - radius - pose[D, n], 0.0)
+        load[FD, n - 1] += floor[MAGNET] / (1.0 + gap / floor[REACH]) ** 2
+
+
+@compiled
+def drag(coefficient: float, length: Floats, pose: Floats, load: Floats) -> None:
+    """Drag across each rod, at its middle, quadratic in the speed there."""
+    if coefficient == 0.0:
+        return
+    for k in range(load.shape[1]):
+        c, s, half = pose[COS, k], pose[SIN, k], 0.5 * length[k]
+        across = 0.5 * (pose[VD, k] + pose[VD, k + 1]) * c - 0.5 * (pose[VY, k] + pose[VY, k + 1]) * s
+        force = -coefficient * length[k] * across * abs(across)
+        load[FY, k] -= force * s
+        load[FD, k] += force * c
+        load[MOMENT, k] -= half * force  # it acts at the middle, the load is kept at the end

@@ -1,0 +1,76 @@
+"""What resists the turn of a hinge. Each law stands alone; memories move with the turned angle, whatever the step."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.exam.compiled import compiled
+
+Floats = NDArray[np.float64]
+
+# columns of `hinge` (n, 14), row 0 unused: the shaft has no spring
+K0, K2, DAMPING, GAP, PRESET, ASYMMETRY, QUADRATIC, STOP, STOP_STIFFNESS, PIN, LOOP, LOOP_ANGLE, ARM, ARM_TIME = range(14)
+# columns of `memory` (n, 3): share of the pin's friction in use, the loop's share, the dashpot's angle
+PIN_SHARE, LOOP_SHARE, ARM_ANGLE = range(3)
+
+PIN_CREEP_RAD = 1e-3  # what a pin turns before it slips, far below what a photo shows
+
+
+@compiled
+def dahl(share: float, moved: float, creep: float) -> float:
+    """Share of dry friction in use after moving on: Dahl's law with exponent one half, exact for a move in one direction.
+
+    df/dx = sgn (1 - f sgn)^(1/2) / creep; full friction is reached after a finite way, 2 creep from none.
+    """
+    side = 1.0 if moved >= 0.0 else -1.0
+    left = np.sqrt(max(1.0 - share * side, 0.0)) - 0.5 * abs(moved) / creep
+    left = max(left, 0.0)
+    return float(side * (1.0 - left * left))
+
+
+@compiled
+def loop(share: float, moved: float, width: float) -> float:
+    """Bouc and Wen with exponent one: z' = (1 - z sgn) phi' / width, one implicit step."""
+    way = abs(moved) / width
+    side = 1.0 if moved >= 0.0 else -1.0
+    return (share + side * way) / (1.0 + way)
+
+
+@compiled
+def arm(slack: float, phi_before: float, phi: float, seconds: float, tau: float) -> float:
+    """Angle of the dashpot in series with a spring, x' = (phi - x) / tau, by the trapezoid rule."""
+    half = 0.5 * seconds / tau
+    return (slack * (1.0 - half) + half * (phi_before + phi)) / (1.0 + half)
+
+
+@compiled
+def spring(phi: float, hinge: Floats, i: int) -> float:
+    """Torque of the spring itself."""
+    x = phi - hinge[i, PRESET]
+    gap = hinge[i, GAP]
+    bent = x - gap if x > gap else (x + gap if x < -gap else 0.0)
+    harder = 1.0 + hinge[i, ASYMMETRY] * (1.0 if bent > 0.0 else -1.0)
+    return float(harder * hinge[i, K0] * bent * (1.0 + hinge[i, K2] * bent * bent))
+
+
+@compiled
+def hinge_torque(phi: float, moved: float, seconds: float, hinge: Floats, memory: Floats, i: int) -> float:
+    """All that resists at hinge i, but for damping; `moved` and `seconds` since `memory` was brought up to date."""
+    torque = spring(phi, hinge, i)
+    over = abs(phi) - hinge[i, STOP]
+    if over > 0.0:
+        torque += hinge[i, STOP_STIFFNESS] * over * (1.0 if phi > 0.0 else -1.0)
+    if hinge[i, PIN] != 0.0:
+        torque += hinge[i, PIN] * dahl(memory[i, PIN_SHARE], moved, 0.5 * PIN_CREEP_RAD)
+    if hinge[i, LOOP] != 0.0:
+        torque += hinge[i, LOOP] * loop(memory[i, LOOP_SHARE], moved, hinge[i, LOOP_ANGLE])
+    if hinge[i, ARM] != 0.0:
+        torque += hinge[i, ARM] * (phi - arm(memory[i, ARM_ANGLE], phi - moved, phi, seconds, hinge[i, ARM_TIME]))
+    return float(torque)
+
+
+@compiled
+def remember_hinge(phi: float, moved: float, seconds: float, hinge: Floats, memory: Floats, i: int) -> None:
+    """Brings the memory of hinge i up to date after a step."""
+    memory[i, PIN_SHARE] = dahl(memory[i, PIN_SHARE], moved, 0.5 * PIN_CREEP_RAD)
+    memory[i, LOOP_SHARE] = loop(memory[i, LOOP_SHARE], moved, hinge[i, LOOP_ANGLE])
+    memory[i, ARM_ANGLE] = arm(memory[i, ARM_ANGLE], phi - moved, phi, seconds, hinge[i, ARM_TIME])

@@ -1,0 +1,207 @@
+"""The steps of the exam's simulator: half a drift, one solve for the change of all rates, half a drift."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.exam.compiled import compiled
+from rfca_rig.exam.engine_body import LENGTH, SD, SY, gather, place_bodies, solve_between
+from rfca_rig.exam.engine_drive import (
+    KP,
+    ROTOR,
+    SHAFT,
+    SHAFT_DAMPING,
+    TOLD,
+    TOLD_SPEED,
+    TURNED,
+    TURNING,
+    advance_command,
+    cable,
+    pushed,
+    turn_rotor,
+    twist,
+)
+from rfca_rig.exam.engine_floor import attract, drag, press
+from rfca_rig.exam.engine_hinge import DAMPING, QUADRATIC, hinge_torque, remember_hinge
+
+Floats = NDArray[np.float64]
+
+# entries of `mount` (7)
+RADIUS, LINK_DRAG, GRAVITY_Y, GRAVITY_D, FRAME_MASS, FRAME_STIFFNESS, FRAME_DAMPING = range(7)
+# columns of the samples: forces on the mount, torque into the leg and of the motor, the motor's angle and speed, then n angles
+FORCE_Y, FORCE_D, LEG_TORQUE, MOTOR_TORQUE, ANGLE, SPEED, BENT = range(7)
+
+
+@compiled
+def load_bodies(rod: Floats, mount: Floats, floor: Floats, pose: Floats, used: Floats, h: float, load: Floats) -> None:
+    """All forces from outside in the middle of a step."""
+    load[:] = 0.0
+    press(floor, mount[RADIUS], pose, used, 0.5 * h, False, load)
+    attract(floor, mount[RADIUS], pose, load)
+    drag(mount[LINK_DRAG], rod[LENGTH], pose, load)
+
+
+@compiled
+def resist(hinge: Floats, memory: Floats, phi: Floats, w: Floats, h: float, M: Floats, x: Floats) -> None:
+    """Takes the hinges' torques off `x`, damping half implicitly."""
+    for i in range(1, hinge.shape[0]):
+        damping = hinge[i, DAMPING] + hinge[i, QUADRATIC] * abs(w[i])
+        x[i] -= hinge_torque(phi[i], 0.5 * h * w[i], 0.5 * h, hinge, memory, i) + damping * w[i]
+        M[i, i] += 0.5 * h * damping
+
+
+@compiled
+def yield_frame(mount: Floats, hanging: float, phi: Floats, w: Floats, h: float, n: int, M: Floats, x: Floats) -> None:
+    """The frame's own terms, if there is one; it rests at zero under the hanging leg."""
+    if phi.size == n:
+        return
+    M[n, n] += mount[FRAME_MASS] + 0.5 * h * mount[FRAME_DAMPING]
+    x[n] -= hanging + mount[FRAME_STIFFNESS] * phi[n] + mount[FRAME_DAMPING] * w[n]
+
+
+@compiled
+def drive_shaft(drive: Floats, motor: Floats, told: float, phi: Floats, w: Floats, h: float, M: Floats, x: Floats) -> float:
+    """The torque on a shaft that is free to turn, into row 0. Returns it as felt half a step on, but for its implicit part."""
+    if drive[SHAFT] != 0.0:
+        angle, speed = motor[TURNED] + 0.5 * h * motor[TURNING], motor[TURNING]
+        if drive[KP] == 0.0:
+            angle, speed = 0.5 * (told + motor[TOLD]), (motor[TOLD] - told) / h
+        torque = twist(drive, angle - phi[0], speed - w[0])
+        M[0, 0] += 0.5 * h * drive[SHAFT_DAMPING]
+    else:
+        torque = pushed(drive, motor, told, phi[0], w[0], h)
+        M[0, 0] += drive[ROTOR] + 0.5 * h * drive[KP]
+    x[0] += torque
+    return torque
+
+
+@compiled
+def drift(phi: Floats, w: Floats, gained: Floats, h: float, rate: Floats) -> None:
+    """Half a step at the old rates; `rate` is what they will be in the middle, by what they gained in the step before."""
+    for i in range(phi.size):
+        phi[i] += 0.5 * h * w[i]
+        rate[i] = w[i] + 0.5 * gained[i]
+
+
+@compiled
+def balance(M: Floats, bias: Floats, cable_torque: float, A: Floats, x: Floats) -> None:
+    """A = M and x = what accelerates the bodies, hinges and drive still missing."""
+    for i in range(x.size):
+        x[i] = -bias[i]
+        for j in range(i + 1):
+            A[i, j] = M[i, j]
+    x[0] += cable_torque
+
+
+@compiled
+def solve(drive: Floats, motor: Floats, told: float, held: bool, phi: Floats, w: Floats, h: float, A: Floats, x: Floats) -> float:
+    """Accelerations into `x`. Returns what `drive_shaft` does where the shaft is free; where it is held, its acceleration is known."""
+    if not held:
+        torque = drive_shaft(drive, motor, told, phi, w, h, A, x)
+        solve_between(A, x, 0, x.size)
+        return torque
+    known = (motor[TOLD_SPEED] - w[0]) / h
+    for i in range(1, x.size):
+        x[i] -= A[i, 0] * known
+    solve_between(A, x, 1, x.size)
+    x[0] = known
+    return 0.0
+
+
+@compiled
+def kick(hinge: Floats, memory: Floats, x: Floats, h: float, phi: Floats, w: Floats, gained: Floats) -> None:
+    """New rates, half a step at them, and the memory of the hinges."""
+    for i in range(phi.size):
+        moved = h * (w[i] + 0.5 * h * x[i])
+        gained[i] = h * x[i]
+        w[i] += gained[i]
+        phi[i] += 0.5 * h * w[i]
+        if 0 < i < hinge.shape[0]:
+            remember_hinge(phi[i], moved, h, hinge, memory, i)
+
+
+@compiled
+def run(
+    rod: Floats,
+    hinge: Floats,
+    floor: Floats,
+    drive: Floats,
+    mount: Floats,
+    knots: Floats,
+    phi: Floats,
+    motor: Floats,
+    t0: float,
+    h: float,
+    steps: int,
+    window: Floats,
+    out: Floats,
+) -> bool:
+    """Steps from `t0`; row i of `out` is the mean over the steps of `window` (m, 2), first and last. False where it blows up."""
+    n, size = rod.shape[1], phi.size
+    frame, held, row = size > n, drive[SHAFT] == 0.0 and drive[KP] == 0.0, 0
+    w, gained, rate, x, bias = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(n + 2)
+    M, A, pose, load, lump = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1)), np.zeros((9, n + 1)), np.zeros((3, n)), np.zeros((2, n))
+    memory, used, now = np.zeros((n, 3)), np.zeros(n), np.zeros(BENT + n)
+    hanging = rod[1].sum() * mount[GRAVITY_D]
+    for step in range(steps):
+        told = motor[TOLD]
+        advance_command(drive, knots, motor, t0 + step * h, h)
+        drift(phi, w, gained, h, rate)
+        place_bodies(rod, phi, rate, frame, pose)
+        load_bodies(rod, mount, floor, pose, used, h, load)
+        gather(rod, pose, load, mount[GRAVITY_Y], mount[GRAVITY_D], M, bias, lump)
+        balance(M, bias, cable(drive, rate[0]), A, x)
+        resist(hinge, memory, phi, w, h, A, x)
+        yield_frame(mount, hanging, phi, w, h, n, A, x)
+        torque = solve(drive, motor, told, held, phi, w, h, A, x)
+        press(floor, mount[RADIUS], pose, used, h, True, load)
+        feel(M, bias, lump, x, frame, cable(drive, rate[0]), phi, now)
+        kick(hinge, memory, x, h, phi, w, gained)
+        report_motor(drive, motor, told, torque, held, phi, w, h, now)
+        row = sample(now, step, row, window, out)
+    return bool(np.isfinite(phi).all())
+
+
+@compiled
+def feel(M: Floats, bias: Floats, lump: Floats, a: Floats, frame: bool, cable_torque: float, phi: Floats, now: Floats) -> None:
+    """Force of the mount on the leg and torque into it, from the accelerations, and the angles in the middle of the step."""
+    n = lump.shape[1]
+    fy, fd, torque = bias[n + 1], bias[n], bias[0] - cable_torque
+    for j in range(n):
+        fy -= lump[SD, j] * a[j]
+        fd += lump[SY, j] * a[j]
+        torque += M[j, 0] * a[j]
+        now[BENT + j] = phi[j]
+    if frame:
+        fd += M[n, n] * a[n]
+        torque += M[n, 0] * a[n]
+    now[FORCE_Y], now[FORCE_D], now[LEG_TORQUE] = fy, fd, torque
+
+
+@compiled
+def report_motor(
+    drive: Floats, motor: Floats, told: float, torque: float, held: bool, phi: Floats, w: Floats, h: float, now: Floats
+) -> None:
+    """The motor's torque, angle and speed after a step; turns a rotor behind a soft shaft."""
+    now[MOTOR_TORQUE] = now[LEG_TORQUE]
+    if not held and drive[SHAFT] != 0.0 and drive[KP] != 0.0:
+        now[MOTOR_TORQUE] = turn_rotor(drive, motor, told, torque, h)
+    elif held or drive[SHAFT] != 0.0:
+        motor[TURNED], motor[TURNING] = motor[TOLD], motor[TOLD_SPEED]
+    else:
+        motor[TURNED], motor[TURNING] = phi[0], w[0]
+    now[ANGLE], now[SPEED] = motor[TURNED], motor[TURNING]
+
+
+@compiled
+def sample(now: Floats, step: int, row: int, window: Floats, out: Floats) -> int:
+    """Adds this step to the rows whose window it lies in; returns the first row that is not complete."""
+    for i in range(row, out.shape[0]):
+        if step < window[i, 0]:
+            break
+        if step <= window[i, 1]:
+            share = 1.0 / (window[i, 1] - window[i, 0] + 1.0)
+            for j in range(now.size):
+                out[i, j] += share * now[j]
+    while row < out.shape[0] and step >= window[row, 1]:
+        row += 1
+    return row

@@ -1,0 +1,94 @@
+"""The two experiments of a campaign, done on a world: a stroke, and a table of static stages."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.exam.engine import Traces, simulate
+from rfca_rig.exam.sensor import Noise, felt, recorded
+from rfca_rig.exam.world import HINGES, Sensing, World
+
+Floats = NDArray[np.float64]
+
+STEP_S = 1e-4  # half of it changes a valley by less than 1e-4 of its force
+SAMPLE_S = 1e-3
+BEFORE_S = 0.1  # recorded before the command
+SWEEP_RAD = 3.23  # how far a stroke turns
+
+LOADING_RAD = tuple(float(np.radians(angle)) for angle in (60.0, 75.0, 90.0, 105.0, 120.0, 135.0))
+UNLOADING_RAD = tuple(float(np.radians(angle)) for angle in (133.0, 131.0))
+MOVE_RAD_S, HOLD_S, READ_S = 1.0, 0.8, 0.1
+PHOTO_DEG = 0.15  # noise of a hinge angle read off a photo
+STATIC_NOISE = Noise(fy_N=0.01, fz_N=0.015, tx_Nm=6e-4)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One line of a static table, as the CSV has it."""
+
+    height_mm: float
+    stage: int
+    direction: str
+    shaft_angle_rad: float
+    hinge_deg: tuple[float, ...]
+    fy_N: float
+    fz_N: float
+    tx_Nm: float
+
+
+def stroke_traces(world: World, speed_rad_s: float, step_s: float = STEP_S) -> Traces:
+    """One stroke without sensor, from 0.1 s before the command to the end of the sweep."""
+    end_s = SWEEP_RAD / speed_rad_s + world.drive.ramp_s
+    t_s: Floats = np.arange(-round(BEFORE_S / SAMPLE_S), int(end_s / SAMPLE_S) + 1, dtype=np.float64) * SAMPLE_S
+    knots = np.array([[0.0, world.drive.ramp_s, end_s + 1.0], [0.0, speed_rad_s, speed_rad_s]])
+    return simulate(world, knots, t_s, step_s=step_s)
+
+
+def stroke(world: World, speed_rad_s: float, noise: Noise, random: np.random.Generator) -> dict[str, Floats]:
+    """One recorded stroke, by column."""
+    return recorded(world, stroke_traces(world, speed_rad_s), noise, random)
+
+
+def static_table(world: World, stated_height_mm: float, ramp_s: float, random: np.random.Generator) -> list[Stage]:
+    """The stages at one height, one after the other, each the mean of the last tenth of a second of its hold.
+
+    The shaft moves between them at 1 rad/s and gets there and back to rest within `ramp_s`; the shorter, the more the tip is thrown back.
+
+    The sensor is tared at each stage: lag, clock and drift do not show.
+    """
+    angles = (*LOADING_RAD, *UNLOADING_RAD)
+    knots, read_s = staged(world.drive.start_angle_rad, angles, ramp_s)
+    traces = simulate(world, knots, read_s, width_s=READ_S, step_s=STEP_S)
+    steady = replace(world, sensing=replace(world.sensing, lag_s=0.0, clock_offset_s=0.0, drift_N_per_s=Sensing.drift_N_per_s))
+    fy, fz, tx = felt(steady, traces)
+    return [
+        Stage(
+            height_mm=stated_height_mm,
+            stage=i + 1,
+            direction="loading" if i < len(LOADING_RAD) else "unloading",
+            shaft_angle_rad=float(traces.motor_angle_rad[i] + random.normal(0.0, 1e-4)),
+            hinge_deg=tuple(np.degrees(traces.bent_rad[i, 1:]) + random.normal(0.0, PHOTO_DEG, HINGES)),
+            fy_N=float(fy[i] + random.normal(0.0, STATIC_NOISE.fy_N)),
+            fz_N=float(fz[i] + random.normal(0.0, STATIC_NOISE.fz_N)),
+            tx_Nm=float(tx[i] + random.normal(0.0, STATIC_NOISE.tx_Nm)),
+        )
+        for i in range(len(angles))
+    ]
+
+
+def staged(start_rad: float, angles_rad: tuple[float, ...], ramp_s: float) -> tuple[Floats, Floats]:
+    """Knots (2, m) of a shaft speed that goes from angle to angle and rests at each, and the middles of the readings."""
+    times, speeds, read_s, now, here = [0.0], [0.0], [], 0.0, start_rad
+    for angle in angles_rad:
+        way = angle - here
+        speed = np.sign(way) * min(MOVE_RAD_S, abs(way) / ramp_s)
+        even_s = way / speed - ramp_s
+        moves = [(ramp_s, speed), *([(even_s, speed)] if even_s > 1e-9 else []), (ramp_s, 0.0), (HOLD_S, 0.0)]
+        for seconds, reached in moves:
+            now += seconds
+            times.append(now)
+            speeds.append(float(reached))
+        read_s.append(now - 0.5 * READ_S)
+        here = angle
+    return np.array([times, speeds]), np.array(read_s)

@@ -1,0 +1,74 @@
+"""Marks a folder of diagnoses: python -m rfca_rig.exam.marking --cases DIR --diagnoses DIR."""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from rfca_rig.errors import RigError
+from rfca_rig.exam.bars import Bar, bars
+from rfca_rig.exam.outcome import OUTCOMES
+from rfca_rig.exam.said import read_said
+from rfca_rig.exam.score import Marks, score
+from rfca_rig.exam.sealing import open_all
+
+DIAGNOSIS = "diagnosis.json"
+
+
+def mark(cases: Path, diagnoses: Path) -> Marks:
+    """Opens the truths under `cases` and marks `diagnoses`/case-NNNN/diagnosis.json; one that is not there counts as refused."""
+    truths = open_all(cases)
+    return score(truths, {truth["case"]: read_said(diagnoses / truth["case"] / DIAGNOSIS) for truth in truths})
+
+
+def wording(marks: Marks) -> Iterator[str]:
+    """The marks as lines of text."""
+    yield f"{'kind':32s}" + "".join(f"{word:>10s}" for word in OUTCOMES)
+    for kind, counted in marks.outcomes.items():
+        yield f"{kind:32s}" + "".join(f"{counted.get(word, 0) or '.':>10}" for word in OUTCOMES)
+    yield ""
+    yield from (_line(bar) for bar in bars(marks))
+    yield ""
+    yield "one effect, right or in class, by strength: " + ", ".join(f"{each.hits}/{each.of}" for each in marks.power)
+    yield f"Brier {marks.calibration.brier:.3f}, logarithmic score {marks.calibration.log_score:.3f}"
+    yield (
+        f"detection: {marks.false_alarms.hits} false alarms of {marks.false_alarms.of}, {marks.missed.hits} missed of {marks.missed.of}, "
+        f"{marks.detection_errors.hits} errors of {marks.detection_errors.of}; {marks.classification_errors} names wrong or missing"
+    )
+    upper = marks.null_false_claims.upper
+    yield f"false names where nothing is missing: below {upper:.1%} with 95 % confidence"
+    yield from _confused(marks)
+    yield from (f"{miss.case} ({miss.kind}): {miss.reason}" for miss in marks.worst)
+
+
+def _line(bar: Bar) -> str:
+    asked = " and ".join(f"{word} {limit:g}" for word, limit in (("at least", bar.at_least), ("at most", bar.at_most)) if limit is not None)
+    said = {True: "passed", False: "FAILED", None: "-"}[bar.passed]
+    value = f"{bar.value:.3f}" if np.isfinite(bar.value) else "-"
+    return f"{said:7s} {bar.name:52s} {value:>7s}  {asked:28s} {bar.counted}"
+
+
+def _confused(marks: Marks) -> Iterator[str]:
+    for (true, called), count in sorted(marks.confusion.items()):
+        if true != called:
+            yield f"{count} x {true} called {called}"
+
+
+def main() -> int:
+    """The command."""
+    parser = argparse.ArgumentParser(description="Opens the truths and marks what was diagnosed.")
+    parser.add_argument("--cases", type=Path, required=True, help="the folder that the cases were written into")
+    parser.add_argument("--diagnoses", type=Path, required=True, help="holds case-NNNN/diagnosis.json")
+    asked = parser.parse_args()
+    try:
+        print("\n".join(wording(mark(asked.cases, asked.diagnoses))))
+    except RigError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,88 @@
+"""One case and what was said about it: what came of it, in one word."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rfca_rig.exam.said import NOT_ENOUGH, NOTHING, REFUSED, Claim, Said
+
+RIGHT, CLASS, PARTIAL, EXTRA, WRONG, SILENT, CAUTIOUS = OUTCOMES = ("right", "class", "partial", "extra", "wrong", "silent", "cautious")
+"""right: names exactly what is there, or nothing where nothing is, or says that it cannot explain what no name fits.
+class: every true effect lies in the class of a claim. partial: some of the true effects, nothing false.
+extra: all of them and something false. wrong: something false, and not all that is true.
+silent: nothing said, or "nothing missing", though something is. cautious: "unexplained" where a name was to be had, or nothing is missing.
+"""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The part of a truth that is scored. `effects` with their parameters; `accepted` are further right names.
+
+    `nameless` where something is wrong that no name fits, so that only "unexplained", or a refusal, is right; `left` is how far the forces
+    shift beyond what believed values can explain, in units of the noise; `faintest` the same for the effect that shows least.
+    """
+
+    case: str
+    kind: str
+    effects: Mapping[str, Mapping[str, float]]
+    accepted: frozenset[str]
+    nameless: bool
+    silence_is_right: bool
+    poor: bool
+    model_error: bool
+    lawless: bool
+    strength: float
+    left: float
+    faintest: float
+
+
+def truth_in(truth: Mapping[str, Any]) -> Truth:
+    """A truth from the data under seal."""
+    left = truth["size"]["left_over_noise"]
+    return Truth(
+        case=truth["case"],
+        kind=truth["kind"],
+        effects=truth["effects"],
+        accepted=frozenset(truth["also_right"]),
+        nameless=bool(truth["strangers"]) or truth["mislabelled"] is not None,
+        silence_is_right=truth["silence_is_right"],
+        poor=len(truth["design"]["conditions"]) < 2,
+        model_error=truth["structured"] is not None,
+        lawless=truth["uneven"] is not None,
+        strength=truth["strength"],
+        left=float("inf") if left is None else left,
+        faintest=min((float("inf") if each is None else each for each in truth["left_of_each"].values()), default=float("inf")),
+    )
+
+
+def false_claims(truth: Truth, said: Said) -> tuple[Claim, ...]:
+    """Named effects in whose class nothing true lies."""
+    true = frozenset(truth.effects) | truth.accepted
+    return tuple(claim for claim in said.named if not claim.members & true)
+
+
+def outcome(truth: Truth, said: Said) -> str:
+    """One of OUTCOMES."""
+    if said.named:
+        return _of_names(truth, said)
+    if truth.nameless:
+        return SILENT if said.verdict == NOTHING and not truth.silence_is_right else RIGHT
+    if said.verdict == NOTHING:
+        return SILENT if truth.effects else RIGHT
+    if said.verdict in (NOT_ENOUGH, REFUSED):
+        return RIGHT if truth.poor else CAUTIOUS
+    return RIGHT if truth.lawless or (truth.model_error and not truth.effects) else CAUTIOUS
+
+
+def _of_names(truth: Truth, said: Said) -> str:
+    wrong = false_claims(truth, said)
+    ids = {claim.id for claim in said.named}
+    covered = frozenset().union(*(claim.members for claim in said.named))
+    if truth.nameless and not truth.effects:
+        return WRONG if wrong or not truth.accepted else RIGHT
+    missed = set(truth.effects) - covered
+    if wrong:
+        return WRONG if missed or not truth.effects else EXTRA
+    if missed:
+        return PARTIAL
+    return RIGHT if ids == set(truth.effects) else CLASS

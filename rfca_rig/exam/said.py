@@ -1,0 +1,81 @@
+"""What a diagnosis said about one case: the part of `diagnosis.json` that is scored."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rfca_rig.errors import BadInput
+
+FORMAT = "rfca-diagnosis/1"
+NOTHING, NAMED, UNEXPLAINED, NOT_ENOUGH, REFUSED = VERDICTS = ("nothing missing", "named", "unexplained", "not enough data", "refused")
+
+Value = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One effect that was listed: how probable, its parameters as (value, one standard deviation), what it cannot be told from."""
+
+    id: str
+    probability: float
+    parameters: Mapping[str, Value] = field(default_factory=dict)
+    cannot_tell_from: tuple[str, ...] = ()
+
+    @property
+    def members(self) -> frozenset[str]:
+        """The class that the claim stands for."""
+        return frozenset((self.id, *self.cannot_tell_from))
+
+
+@dataclass(frozen=True)
+class Said:
+    """A diagnosis. `verdict` is "refused" where the campaign was turned down as unusable, with an error instead of a diagnosis.
+
+    `claims` are all effects listed; they count as named where the verdict says so. `held_out_fz_N` is (before, after, noise floor).
+    """
+
+    verdict: str
+    claims: tuple[Claim, ...] = ()
+    held_out_fz_N: tuple[float, float, float] | None = None
+
+    @property
+    def named(self) -> tuple[Claim, ...]:
+        """The claims that the diagnosis stands by."""
+        return self.claims if self.verdict == NAMED else ()
+
+
+def said_in(diagnosis: Mapping[str, Any], where: str = "diagnosis") -> Said:
+    """A diagnosis from the data of its file. Raises BadInput, naming `where` and the key, for what the format does not allow."""
+    if diagnosis.get("format") != FORMAT:
+        raise BadInput(f"{where}: format {diagnosis.get('format')!r} should be {FORMAT!r}")
+    if diagnosis.get("verdict") not in VERDICTS[:-1]:
+        raise BadInput(f"{where}: verdict {diagnosis.get('verdict')!r} should be one of {', '.join(VERDICTS[:-1])}")
+    try:
+        claims = tuple(_claim(effect) for effect in diagnosis.get("effects", ()))
+        return Said(diagnosis["verdict"], claims, _held_out(diagnosis.get("fit") or {}))
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadInput(f"{where}: {type(error).__name__} at {error}; see the format of diagnosis.json") from None
+
+
+def read_said(path: Path) -> Said:
+    """The diagnosis in a file; one that is not there counts as refused."""
+    if not path.is_file():
+        return Said(REFUSED)
+    try:
+        return said_in(json.loads(path.read_text(encoding="utf-8")), str(path))
+    except json.JSONDecodeError as error:
+        raise BadInput(f"{path}:{error.lineno}: is not JSON: {error.msg}") from None
+
+
+def _claim(effect: Mapping[str, Any]) -> Claim:
+    values = {name: (float(each["value"]), float(each["std"])) for name, each in effect.get("parameters", {}).items()}
+    return Claim(str(effect["id"]), float(effect["probability"]), values, tuple(effect.get("cannot_tell_from", ())))
+
+
+def _held_out(fit: Mapping[str, Any]) -> tuple[float, float, float] | None:
+    held_out = fit.get("held_out_rms_fz_N")
+    if not held_out or any(held_out.get(key) is None for key in ("before", "after", "noise_floor")):
+        return None
+    return float(held_out["before"]), float(held_out["after"]), float(held_out["noise_floor"])

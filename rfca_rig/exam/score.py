@@ -1,0 +1,183 @@
+"""The marks of the exam, from opened truths and what a diagnosis said of each case."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rfca_rig.exam import cases
+from rfca_rig.exam.claims import CONFIDENT, Calibration, Judged, Values, calibration, values
+from rfca_rig.exam.outcome import CLASS, EXTRA, PARTIAL, RIGHT, SILENT, WRONG, Truth, false_claims, outcome, truth_in
+from rfca_rig.exam.said import NAMED, NOTHING, Said
+from rfca_rig.exam.worst import Miss, worst
+
+DETECTABLE = 2.0  # shift of the forces that believed values cannot explain, in units of a sample's noise
+
+_NULL_KINDS = (cases.NOTHING, cases.MODEL_ERROR)
+
+
+@dataclass(frozen=True)
+class Share:
+    """`hits` of `of` cases; the bounds hold at 95 % (Clopper and Pearson)."""
+
+    hits: int
+    of: int
+
+    @property
+    def value(self) -> float:
+        return self.hits / self.of if self.of else np.nan
+
+    @property
+    def lower(self) -> float:
+        """With 95 % confidence the true share is above it."""
+        from scipy.stats import beta  # noqa: PLC0415  (slow to import, and used in reports only)
+
+        return float(beta.ppf(0.05, self.hits, self.of - self.hits + 1)) if self.hits else 0.0
+
+    @property
+    def upper(self) -> float:
+        """With 95 % confidence the true share is below it."""
+        from scipy.stats import beta  # noqa: PLC0415
+
+        return float(beta.ppf(0.95, self.hits + 1, self.of - self.hits)) if self.hits < self.of else 1.0
+
+
+@dataclass(frozen=True)
+class Marks:
+    """All marks. "Detectable" means shifted by more than DETECTABLE beyond what believed values explain.
+
+    `outcomes` counts outcomes per kind; `confusion` counts (true effect, what was said) over cases with one effect;
+    `power` is the share named right per fifth of the strength. `false_alarms`, `missed`, `detection_errors` and `classification_errors`
+    are those of the DXC competitions: missed of what is detectable, errors over all cases, wrong and missing names summed.
+    `gap_closed` is the median over right names of (before - after) / (before - floor) of fz on held-out conditions, `gap_worse` how
+    many of them got worse.
+    """
+
+    outcomes: Mapping[str, Mapping[str, int]]
+    confusion: Mapping[tuple[str, str], int]
+    null_false_claims: Share
+    false_discoveries: Share
+    single_right: Share
+    single_right_detectable: Share
+    single_in_class_detectable: Share
+    power: tuple[Share, ...]
+    pairs_exact: Share
+    pairs_exact_detectable: Share
+    pairs_without_wrong: Share
+    stranger_unexplained: Share
+    stranger_wrong: Share
+    stranger_confident_wrong: Share
+    stranger_silent_detectable: Share
+    wrong_law_acceptable: Share
+    mislabelled_wrong: Share
+    poor_data_wrong: Share
+    truth_in_class: Share
+    mean_class_size: float
+    false_alarms: Share
+    missed: Share
+    detection_errors: Share
+    classification_errors: int
+    calibration: Calibration
+    values: Values
+    gap_closed: float
+    gap_worse: Share
+    worst: tuple[Miss, ...]
+
+
+def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, Said]) -> Marks:
+    """The marks of `diagnoses` by case. A case without one counts as refused."""
+    judged = [(truth, diagnoses.get(truth.case, Said("refused"))) for truth in map(truth_in, truths)]
+    by_kind = {kind: [pair for pair in judged if pair[0].kind == kind] for kind in cases.KINDS}
+    single, pairs, strangers = by_kind[cases.SINGLE], by_kind[cases.PAIR], by_kind[cases.STRANGER]
+    detectable = [(truth, said) for truth, said in single if truth.left >= DETECTABLE]
+    null = [pair for kind in _NULL_KINDS for pair in by_kind[kind]]
+    right = [(truth, said) for truth, said in (*single, *pairs) if outcome(truth, said) == RIGHT]
+    named = [(truth, said) for truth, said in judged if said.named]
+    return Marks(
+        outcomes={kind: dict(Counter(outcome(*pair) for pair in group)) for kind, group in by_kind.items() if group},
+        confusion=confusion(single),
+        null_false_claims=Share(sum(bool(said.named) for _, said in null), len(null)),
+        false_discoveries=Share(sum(len(false_claims(*pair)) for pair in named), sum(len(said.named) for _, said in named)),
+        single_right=_share(single, RIGHT),
+        single_right_detectable=_share(detectable, RIGHT),
+        single_in_class_detectable=_share(detectable, RIGHT, CLASS),
+        power=power(single),
+        pairs_exact=_share(pairs, RIGHT),
+        pairs_exact_detectable=_share([pair for pair in pairs if pair[0].faintest >= DETECTABLE], RIGHT),
+        pairs_without_wrong=Share(sum(not false_claims(*pair) for pair in pairs), len(pairs)),
+        stranger_unexplained=_share(strangers, RIGHT),
+        stranger_wrong=_share(strangers, WRONG),
+        stranger_confident_wrong=Share(sum(_confident(said) for _, said in strangers), len(strangers)),
+        stranger_silent_detectable=_share([pair for pair in strangers if pair[0].left >= DETECTABLE], SILENT),
+        wrong_law_acceptable=_share(by_kind[cases.WRONG_LAW], RIGHT, CLASS),
+        mislabelled_wrong=_share(by_kind[cases.MISLABEL], WRONG),
+        poor_data_wrong=_share(by_kind[cases.POOR_DATA], WRONG, EXTRA),
+        truth_in_class=_truth_in_class(named),
+        mean_class_size=_class_size(named),
+        false_alarms=Share(sum(_alarmed(said) for _, said in null), len(null)),
+        missed=_missed(judged),
+        detection_errors=Share(sum(_alarmed(said) != _faulty(truth) for truth, said in judged), len(judged)),
+        classification_errors=sum(len({claim.id for claim in said.named} ^ set(truth.effects)) for truth, said in judged),
+        calibration=calibration(judged),
+        values=values([*single, *pairs]),
+        gap_closed=_gap(right),
+        gap_worse=Share(sum(gap < 0.0 for gap in _gaps(right)), len(_gaps(right))),
+        worst=worst(judged),
+    )
+
+
+def confusion(single: Judged) -> dict[tuple[str, str], int]:
+    """How often each true effect was called what; several names are joined, and no name is the verdict."""
+    called = [("+".join(sorted(truth.effects)), "+".join(sorted(c.id for c in said.named)) or said.verdict) for truth, said in single]
+    return dict(Counter(called))
+
+
+def power(single: Judged) -> tuple[Share, ...]:
+    """Share named right, or in class, per fifth of the strength."""
+    level = [min(int(truth.strength * cases.LEVELS), cases.LEVELS - 1) for truth, _ in single]
+    return tuple(_share([pair for pair, each in zip(single, level, strict=True) if each == k], RIGHT, CLASS) for k in range(cases.LEVELS))
+
+
+def _share(judged: Judged, *outcomes: str) -> Share:
+    return Share(sum(outcome(*pair) in outcomes for pair in judged), len(judged))
+
+
+def _confident(said: Said) -> bool:
+    return any(claim.probability >= CONFIDENT for claim in said.named)
+
+
+def _faulty(truth: Truth) -> bool:
+    return bool(truth.effects) or truth.nameless
+
+
+def _alarmed(said: Said) -> bool:
+    """Whether it says that something is wrong; doubt about the data is no alarm."""
+    return said.verdict in (NAMED, "unexplained")
+
+
+def _missed(judged: Judged) -> Share:
+    faulty = [said for truth, said in judged if _faulty(truth) and truth.left >= DETECTABLE and not truth.silence_is_right]
+    return Share(sum(said.verdict == NOTHING for said in faulty), len(faulty))
+
+
+def _truth_in_class(named: Judged) -> Share:
+    """Of cases with true effects and names: how often all of the true ones lie in the classes given."""
+    whole = [outcome(*pair) for pair in named if pair[0].effects]
+    return Share(sum(each in (RIGHT, CLASS, EXTRA) for each in whole), len([each for each in whole if each != PARTIAL]))
+
+
+def _class_size(named: Judged) -> float:
+    sizes = [len(claim.members) for _, said in named for claim in said.named]
+    return float(np.mean(sizes)) if sizes else np.nan
+
+
+def _gaps(right: Judged) -> list[float]:
+    held_out = [said.held_out_fz_N for _, said in right if said.held_out_fz_N is not None]
+    return [(before - after) / (before - floor) for before, after, floor in held_out if before > floor]
+
+
+def _gap(right: Judged) -> float:
+    gaps = _gaps(right)
+    return float(np.median(gaps)) if gaps else np.nan

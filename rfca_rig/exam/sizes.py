@@ -1,0 +1,96 @@
+"""How large a concealed effect is: from hardly visible to gross, over the noise of one sample.
+
+The spans were chosen so that the trace of fz before the valley shifts by about twice to fifty times the noise of a sample, 0.15 N, at
+215 mm and 2.4 rad/s, and stay within what is plausible on a leg of 0.3 kg and 0.3 m. Strength 0 is the first value, 1 the second;
+geometric in between where both have one sign. `EITHER` draws a sign, `AROUND` adds or takes the amount from a believed value.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rfca_rig.exam.world import HINGES
+
+
+@dataclass(frozen=True)
+class Span:
+    """One parameter from `faint` to `strong`. `free` ones do not follow the strength, but are drawn between the two."""
+
+    faint: float
+    strong: float
+    free: bool = False
+    either_sign: bool = False
+    around: float = 0.0
+
+    def at(self, strength: float, random: np.random.Generator) -> float:
+        """A value at strength 0 to 1."""
+        share = random.random() if self.free else strength
+        size = float(self.faint * (self.strong / self.faint) ** share)
+        sign = random.choice([-1.0, 1.0]) if self.either_sign else 1.0
+        return float(f"{self.around + sign * size:.4g}")
+
+
+SPANS: Mapping[str, Mapping[str, Span]] = {
+    "hinge_coulomb_friction": {"torque_Nm": Span(0.01, 0.3)},
+    "hinge_viscous_damping": {"coefficient_Nm_s_per_rad": Span(0.02, 0.4)},
+    "hinge_backlash": {"half_gap_deg": Span(0.05, 2.0)},
+    "hinge_stop": {"angle_deg": Span(24.0, 18.0), "stiffness_Nm_per_rad": Span(10.0, 30.0)},
+    "spring_hysteresis": {"strength_relative": Span(0.02, 0.5), "saturation_deg": Span(2.0, 12.0, free=True)},
+    "spring_relaxation": {"strength_relative": Span(0.02, 0.5), "time_constant_s": Span(0.03, 1.0, free=True)},
+    "damaged_hinge": {"stiffness_factor": Span(0.95, 0.5)},
+    "stiffness_hardening": {"k2_per_rad2": Span(0.15, 2.5, either_sign=True, around=4.2)},
+    "tip_mass": {"mass_g": Span(3.0, 60.0)},
+    "fluid_drag": {"coefficient_N_s2_per_m3": Span(1.0, 30.0)},
+    "ground_stribeck": {"rise_relative": Span(0.15, 1.0), "speed_m_s": Span(0.05, 0.6, free=True)},
+    "ground_compliance": {"stiffness_N_per_m1p5": Span(1.5e5, 8e3)},
+    "ground_tilt": {"slope": Span(0.002, 0.04, either_sign=True)},
+    "ground_adhesion": {"force_N": Span(0.5, 12.0)},
+    "motor_speed_droop": {"kp_Nm_s_per_rad": Span(45.0, 2.0), "ki_Nm_per_rad": Span(450.0, 12.0)},
+    "motor_speed_ripple": {"amplitude_relative": Span(0.01, 0.2), "cycles_per_turn": Span(2.0, 30.0, free=True)},
+    "shaft_compliance": {"stiffness_Nm_per_rad": Span(1000.0, 50.0)},
+    "frame_compliance": {
+        "frequency_Hz": Span(30.0, 6.0),
+        "moving_mass_kg": Span(1.0, 8.0, free=True),
+        "damping_ratio": Span(0.02, 0.1, free=True),
+    },
+    "height_offset": {"offset_mm": Span(0.5, 5.0, either_sign=True)},
+    "gravity_tilt": {"angle_rad": Span(0.01, 0.08, either_sign=True)},
+    "sensor_lag": {"time_constant_s": Span(0.001, 0.02)},
+    "clock_offset": {"offset_s": Span(0.001, 0.02, either_sign=True)},
+    "sensor_crosstalk": {"fz_per_fy": Span(0.005, 0.1, either_sign=True)},
+    "sensor_drift": {"rate_N_per_s": Span(0.15, 4.0, either_sign=True)},
+    "sensor_gain": {"factor": Span(0.005, 0.08, either_sign=True, around=1.0)},
+}
+
+STRANGER_SPANS: Mapping[str, Mapping[str, Span]] = {
+    "loose_grub_screw": {"half_gap_deg": Span(0.3, 3.0)},
+    "cable_drag": {"torque_Nm": Span(0.05, 0.5)},
+    "force_cogging": {"force_N": Span(0.4, 3.0), "cycles_per_turn": Span(12.0, 48.0, free=True)},
+    "hinge_asymmetry": {"share": Span(0.08, 0.4, either_sign=True)},
+    "hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": Span(0.01, 0.1)},
+    "floor_magnet": {"force_N": Span(1.0, 8.0), "reach_mm": Span(5.0, 25.0, free=True)},
+    "friction_by_direction": {"backward_share": Span(1.15, 2.0)},
+    "sensor_curvature": {"per_N": Span(0.0006, 0.005, either_sign=True)},
+    "sensor_clipping": {"limit_N": Span(40.0, 15.0)},
+    "one_heavier_link": {"factor": Span(1.3, 3.0)},
+    "stiffness_falls_with_repeats": {"share_per_repeat": Span(0.015, 0.06)},
+    "floor_bump": {"height_mm": Span(0.8, 5.0), "at_mm": Span(40.0, 150.0, free=True), "width_mm": Span(10.0, 30.0, free=True)},
+    "spring_preset": {"angle_deg": Span(0.8, 5.0, either_sign=True)},
+}
+
+
+def values_of(effect_id: str, strength: float, random: np.random.Generator) -> dict[str, float]:
+    """Parameters of a catalogue effect at a strength from 0 to 1."""
+    values = {name: span.at(strength, random) for name, span in SPANS[effect_id].items()}
+    if effect_id == "damaged_hinge":
+        values["hinge"] = float(random.integers(2, HINGES + 1))  # the last one bends too little to tell
+    return values
+
+
+def stranger_values(name: str, strength: float, random: np.random.Generator) -> dict[str, float]:
+    """Parameters of a stranger at a strength from 0 to 1."""
+    values = {key: span.at(strength, random) for key, span in STRANGER_SPANS[name].items()}
+    if name == "one_heavier_link":
+        values["link"] = float(random.integers(2, HINGES + 1))
+    return values

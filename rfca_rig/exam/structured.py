@@ -1,0 +1,68 @@
+"""Errors that every model has: links and hinges not alike, a contact law of another shape. No effect of the catalogue, and small."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rfca_rig.exam.world import HINGES, LINKS, Floor, World
+
+TYPICAL_DEPTH_M = 3e-3  # under the paper's loads; there a law of another exponent gives the same force
+
+
+@dataclass(frozen=True)
+class Structured:
+    """Factors of lengths and masses (7,), of stiffness and damping (6,), and the shape of the contact."""
+
+    length: tuple[float, ...]
+    mass: tuple[float, ...]
+    k0: tuple[float, ...]
+    damping: tuple[float, ...]
+    exponent: float
+    two_sided: bool
+    presliding_factor: float
+    lever_share: float
+
+
+def drawn_structured(share: float, random: np.random.Generator) -> Structured:
+    """Relative errors of one standard deviation `share`, damping five times as much; the lengths keep their sum."""
+    length = 1.0 + 0.5 * share * random.normal(size=LINKS)
+    return Structured(
+        length=tuple(length / length.mean()),
+        mass=tuple(1.0 + share * random.normal(size=LINKS)),
+        k0=tuple(1.0 + share * random.normal(size=HINGES)),
+        damping=tuple(np.exp(5.0 * share * random.normal(size=HINGES))),
+        exponent=float(1.5 + 2.5 * share * random.uniform(-1.0, 1.0)),
+        two_sided=bool(random.random() < 0.3),
+        presliding_factor=float(2.0 ** random.uniform(-1.0, 1.0)),
+        lever_share=float(random.choice([0.0, 0.5, 1.0])),
+    )
+
+
+def distorted(world: World, error: Structured) -> World:
+    """The world with these errors in it."""
+    links, hinges = world.links, world.hinges
+    return replace(
+        world,
+        links=replace(links, length_m=_each(links.length_m, error.length), mass_kg=_each(links.mass_kg, error.mass)),
+        hinges=replace(
+            hinges,
+            k0_Nm_per_rad=_each(hinges.k0_Nm_per_rad, error.k0),
+            damping_Nm_s_per_rad=_each(hinges.damping_Nm_s_per_rad, error.damping),
+        ),
+        floor=_reshaped(world.floor, error),
+    )
+
+
+def _reshaped(floor: Floor, error: Structured) -> Floor:
+    return replace(
+        floor,
+        stiffness=floor.stiffness * TYPICAL_DEPTH_M ** (floor.exponent - error.exponent),
+        exponent=error.exponent,
+        two_sided=error.two_sided,
+        presliding_m=floor.presliding_m * error.presliding_factor,
+        lever_share=error.lever_share,
+    )
+
+
+def _each(values: tuple[float, ...], factors: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(value * factor for value, factor in zip(values, factors, strict=True))

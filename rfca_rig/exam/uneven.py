@@ -1,0 +1,69 @@
+"""A right family with a wrong law: an effect that is not the same in all hinges or conditions, or of another shape than the catalogue's."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rfca_rig.exam.world import HINGES, World
+
+HINGE_EFFECTS = (
+    "hinge_coulomb_friction",
+    "hinge_viscous_damping",
+    "hinge_backlash",
+    "hinge_stop",
+    "spring_hysteresis",
+    "spring_relaxation",
+)
+VARYING_EFFECTS = ("tip_mass", "ground_stribeck", "ground_adhesion", "sensor_crosstalk", "sensor_drift", "motor_speed_ripple")
+BENT_EFFECTS = ("ground_compliance", "sensor_gain", "fluid_drag")
+TYPICAL_N = 20.0
+STRONGER_IN_HINGES = ("pin_Nm", "gap_rad", "stop_Nm_per_rad", "loop_Nm", "arm_Nm_per_rad")
+
+
+@dataclass(frozen=True)
+class Uneven:
+    """`of_hinge` (6,) scales what the effect does in each hinge; `per_condition` is the spread of its size from condition to condition;
+    `bent` stands for another shape: a floor of exponent 1.1, a gain with curvature, drag beside damping in the hinges.
+    """
+
+    effect: str
+    of_hinge: tuple[float, ...] = (1.0,) * HINGES
+    per_condition: float = 0.0
+    bent: bool = False
+
+
+def drawn_uneven(i: int, random: np.random.Generator) -> Uneven:
+    """The effects in turn."""
+    every = (*HINGE_EFFECTS, *VARYING_EFFECTS, *BENT_EFFECTS)
+    effect = every[4 * i % len(every)]
+    if effect in HINGE_EFFECTS:
+        factors = 1.0 + random.uniform(0.3, 0.6) * random.uniform(-1.0, 1.0, HINGES)
+        return Uneven(effect, of_hinge=tuple(float(x) for x in factors))
+    if effect in VARYING_EFFECTS:
+        return Uneven(effect, per_condition=float(random.uniform(0.1, 0.25)))
+    return Uneven(effect, bent=True)
+
+
+def made_uneven(world: World, uneven: Uneven, believed_damping: tuple[float, ...]) -> World:
+    """The world whose effect is in it already, with its law spoilt."""
+    hinges = world.hinges
+    scaled = {name: _times(getattr(hinges, name), uneven.of_hinge) for name in STRONGER_IN_HINGES}
+    more = zip(hinges.damping_Nm_s_per_rad, believed_damping, uneven.of_hinge, strict=True)
+    damping = tuple(base + (whole - base) * factor for whole, base, factor in more)
+    world = replace(world, hinges=replace(hinges, **scaled, damping_Nm_s_per_rad=damping))
+    return _bent(world, uneven.effect) if uneven.bent else world
+
+
+def _bent(world: World, effect: str) -> World:
+    floor, sensing, hinges = world.floor, world.sensing, world.hinges
+    if effect == "ground_compliance":
+        depth = (TYPICAL_N / floor.stiffness) ** (1.0 / floor.exponent)
+        flatter = floor.stiffness * depth ** (floor.exponent - 1.1)  # the same force at that depth
+        return replace(world, floor=replace(floor, exponent=1.1, stiffness=flatter))
+    if effect == "sensor_gain":
+        return replace(world, sensing=replace(sensing, curvature_per_N=(sensing.gain - 1.0) / 40.0))
+    return replace(world, hinges=replace(hinges, quadratic_Nm_s2_per_rad2=(0.003,) * HINGES))
+
+
+def _times(values: tuple[float, ...], factors: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(value * factor for value, factor in zip(values, factors, strict=True))

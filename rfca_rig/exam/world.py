@@ -1,0 +1,142 @@
+"""The physics of one stroke as the exam's simulator knows it: everything that a concealed effect can change. SI units, radians."""
+
+from dataclasses import dataclass
+
+GRAVITY_M_S2 = 9.81
+LINKS = 7
+HINGES = LINKS - 1
+
+
+def everywhere(value: float, count: int = HINGES) -> tuple[float, ...]:
+    """The same value at each hinge, or at each of `count` places."""
+    return (value,) * count
+
+
+@dataclass(frozen=True)
+class Links:
+    """Rods from the shaft outwards: lengths and masses (7,); a point mass rides on the far end of the last."""
+
+    length_m: tuple[float, ...]
+    mass_kg: tuple[float, ...]
+    end_radius_m: float
+    tip_mass_kg: float = 0.0
+    drag_N_s2_per_m3: float = 0.0
+
+
+@dataclass(frozen=True)
+class Hinges:
+    """What resists the turn phi of each hinge, from the shaft outwards; every field (6,), zero where there is none of it.
+
+    The spring k0 x (1 + k2 x^2) engages at x = phi - preset, less the play `gap` on either side; `asymmetry` makes it harder by
+    that share for x > 0 and softer for x < 0. Beside it: damping linear and quadratic in the rate, a stop, dry friction of the pin,
+    a rate-independent loop (torque and angle at which it saturates), a spring in series with a dashpot.
+    """
+
+    k0_Nm_per_rad: tuple[float, ...]
+    k2_per_rad2: tuple[float, ...]
+    damping_Nm_s_per_rad: tuple[float, ...]
+    gap_rad: tuple[float, ...] = everywhere(0.0)
+    preset_rad: tuple[float, ...] = everywhere(0.0)
+    asymmetry: tuple[float, ...] = everywhere(0.0)
+    quadratic_Nm_s2_per_rad2: tuple[float, ...] = everywhere(0.0)
+    stop_rad: tuple[float, ...] = everywhere(10.0)
+    stop_Nm_per_rad: tuple[float, ...] = everywhere(0.0)
+    pin_Nm: tuple[float, ...] = everywhere(0.0)
+    loop_Nm: tuple[float, ...] = everywhere(0.0)
+    loop_rad: tuple[float, ...] = everywhere(1.0)
+    arm_Nm_per_rad: tuple[float, ...] = everywhere(0.0)
+    arm_s: tuple[float, ...] = everywhere(1.0)
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The floor under the circles at the link ends.
+
+    Normal force stiffness depth^exponent (1 + damping * rate), the rate of separation counts too unless not `two_sided`.
+    Friction mu N at the limit, reached over `presliding`; a viscous share beside it. `mu_backward_share` times mu for slip to -y.
+    The floor rises by `slope`, and by a bump of Gaussian shape. `adhesion` pulls while touching; `magnet` pulls the tip from afar,
+    half as strong at `magnet_reach / 2.41`, a quarter at `magnet_reach`. `lever_share` of the depth is taken off the lever of friction.
+    """
+
+    stiffness: float
+    damping_s_per_m: float
+    mu: float
+    exponent: float = 1.5
+    two_sided: bool = True
+    presliding_m: float = 1e-4
+    drag_N_s_per_m: float = 2.0
+    lever_share: float = 0.0
+    stribeck_rise: float = 0.0
+    stribeck_m_s: float = 1.0
+    mu_backward_share: float = 1.0
+    slope: float = 0.0
+    bump_m: float = 0.0
+    bump_at_m: float = 0.0
+    bump_width_m: float = 1.0
+    adhesion_N: float = 0.0
+    magnet_N: float = 0.0
+    magnet_reach_m: float = 1.0
+
+
+@dataclass(frozen=True)
+class DriveOf:
+    """What turns the leg. Stiff unless said otherwise; `kp` > 0 puts a rotor under PI control of its speed.
+
+    `shaft_Nm_per_rad` > 0 is a twist between motor and leg, with play `shaft_gap` on either side. `cable_Nm` drags against the turn.
+    `ramp_s` is how long the command takes to reach its speed.
+    """
+
+    start_angle_rad: float
+    ramp_s: float
+    kp_Nm_s_per_rad: float = 0.0
+    ki_Nm_per_rad: float = 0.0
+    rotor_kg_m2: float = 0.006
+    shaft_Nm_per_rad: float = 0.0
+    shaft_Nm_s_per_rad: float = 0.0
+    shaft_gap_rad: float = 0.0
+    ripple_share: float = 0.0
+    ripple_cycles: float = 1.0
+    cable_Nm: float = 0.0
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Where the shaft is. `frame_kg` > 0 lets it yield vertically. Gravity leans towards +y by `lean`."""
+
+    height_m: float
+    below_shaft_m: float
+    frame_kg: float = 0.0
+    frame_N_per_m: float = 0.0
+    frame_N_s_per_m: float = 0.0
+    lean_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """What the sensor makes of the force, in this order: cogging, gain and curvature, crosstalk, lag, clock, drift, clipping.
+
+    `curvature_per_N` makes fz read fz (1 + curvature |fz|); `cogging` is a ripple of fz over the shaft angle;
+    `clip_N` is where fz saturates.
+    """
+
+    lag_s: float = 0.0
+    clock_offset_s: float = 0.0
+    fz_per_fy: float = 0.0
+    drift_N_per_s: float = 0.0
+    gain: float = 1.0
+    curvature_per_N: float = 0.0
+    clip_N: float = 1e9
+    cogging_N: float = 0.0
+    cogging_cycles: float = 1.0
+
+
+@dataclass(frozen=True)
+class World:
+    """One rig, as it really is during one stroke."""
+
+    links: Links
+    hinges: Hinges
+    floor: Floor
+    drive: DriveOf
+    mount: Mount
+    sensing: Sensing = Sensing()

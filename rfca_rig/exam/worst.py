@@ -1,0 +1,49 @@
+"""The ten worst answers, with what is wrong about them: what to look at first."""
+
+from dataclasses import dataclass
+
+from rfca_rig.exam.claims import Judged, parameter_errors
+from rfca_rig.exam.outcome import EXTRA, PARTIAL, SILENT, WRONG, Truth, false_claims, outcome
+from rfca_rig.exam.said import Said
+
+LISTED = 10
+VALUE_OFF = 0.5  # relative error of a parameter from which a right name counts among the worst
+
+
+@dataclass(frozen=True)
+class Miss:
+    """One bad answer; `badness` is 3 and more for a false name, 1 to 2 for a true one missed, below 1 for a value that is off."""
+
+    case: str
+    kind: str
+    badness: float
+    reason: str
+
+
+def worst(judged: Judged) -> tuple[Miss, ...]:
+    """The worst first."""
+    misses = [miss for pair in judged if (miss := _miss(*pair)) is not None]
+    return tuple(sorted(misses, key=lambda miss: (-miss.badness, miss.case))[:LISTED])
+
+
+def _miss(truth: Truth, said: Said) -> Miss | None:
+    came = outcome(truth, said)
+    there = " and ".join(truth.effects) or ("something that no name fits" if truth.nameless else "nothing")
+    if came in (WRONG, EXTRA):
+        false = max(false_claims(truth, said) or said.named, key=lambda claim: claim.probability)
+        level = 4.0 if came == WRONG else 3.0
+        reason = f"named {false.id} at {false.probability:.0%}, {'which is not there' if came == EXTRA else f'there is {there}'}"
+        return Miss(truth.case, truth.kind, level + false.probability, reason)
+    if came in (SILENT, PARTIAL):
+        seen = min(truth.left / 100.0, 1.0)
+        missed = " and ".join(sorted(set(truth.effects) - {claim.id for claim in said.named})) or there
+        return Miss(truth.case, truth.kind, 1.0 + seen, f"missed {missed}, which shifts the forces by {truth.left:.1f} times the noise")
+    return _value_off(truth, said)
+
+
+def _value_off(truth: Truth, said: Said) -> Miss | None:
+    errors = [(error, claim.id) for claim in said.named for error, _ in parameter_errors(truth, claim)]
+    if truth.lawless or not errors or max(errors)[0] < VALUE_OFF:
+        return None
+    error, effect = max(errors)
+    return Miss(truth.case, truth.kind, min(error / 10.0, 0.99), f"a parameter of {effect} is off by {error:.0%}")

@@ -1,0 +1,113 @@
+"""The list of cases: reproducible, of every kind, and within what is plausible."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from rfca_rig.exam import cases
+from rfca_rig.exam.cases import DEFAULT_NUMBERS, KINDS, NEVER_TOGETHER, drawn_cases, shared_out
+from rfca_rig.exam.concealed import EFFECTS, with_effect
+from rfca_rig.exam.labels import MISLABELLED
+from rfca_rig.exam.rig_of import Scatter, world_of
+from rfca_rig.exam.sizes import SPANS, STRANGER_SPANS
+from rfca_rig.exam.strangers import NAMES
+from rfca_rig.exam.visible import size_of
+from rfca_rig.model.catalogue import catalogue
+
+
+def test_the_exam_is_large_enough():
+    drawn = Counter(case.kind for case in drawn_cases(1))
+    assert sum(drawn.values()) >= 400
+    for kind in (cases.NOTHING, cases.MODEL_ERROR, cases.SINGLE, cases.PAIR, cases.STRANGER, cases.WRONG_LAW):
+        assert drawn[kind] >= 60
+
+
+def test_same_seed_same_cases_other_seed_others():
+    assert drawn_cases(7) == drawn_cases(7)
+    assert drawn_cases(7) != drawn_cases(8)
+
+
+def test_a_case_does_not_depend_on_how_many_there_are():
+    few, many = (drawn_cases(3, {cases.SINGLE: n}) for n in (5, 50))
+    assert {case.seed for case in few} <= {case.seed for case in many}
+
+
+def test_every_effect_at_every_level():
+    drawn = Counter((next(iter(case.effects)), int(5 * case.strength)) for case in drawn_cases(1) if case.kind == cases.SINGLE)
+    assert len(drawn) == 5 * len(EFFECTS) and set(drawn.values()) == {1}
+
+
+def test_pairs_are_pairs_that_a_model_can_hold():
+    for case in drawn_cases(2, {cases.PAIR: 200}):
+        assert len(case.effects) == 2
+        assert set(case.effects) not in NEVER_TOGETHER
+
+
+def test_cases_without_effects_have_none():
+    for case in drawn_cases(4):
+        if case.kind in (cases.NOTHING, cases.MODEL_ERROR, cases.MISLABEL):
+            assert not case.effects and not case.strangers
+        assert (case.structured is not None) == (case.model_error > 0.0)
+
+
+def test_numbers_are_shared_out_exactly():
+    for total in (1, 8, 40, 123):
+        assert sum(shared_out(total).values()) == total
+    assert shared_out(sum(DEFAULT_NUMBERS.values())) == DEFAULT_NUMBERS
+
+
+def test_effects_and_parameters_are_those_of_the_catalogue():
+    known = catalogue()
+    for effect, spans in SPANS.items():
+        parameters = {parameter.name: parameter for parameter in known[effect].parameters}
+        assert set(spans) | ({"hinge"} if effect == "damaged_hinge" else set()) == set(parameters)
+        for name, span in spans.items():
+            for size in (span.faint, span.strong):
+                values = {span.around + size, span.around - size} if span.either_sign else {size}
+                assert all(parameters[name].low <= value <= parameters[name].high for value in values), (effect, name)
+
+
+def test_strangers_are_in_no_catalogue_and_all_have_sizes():
+    assert set(NAMES) == set(STRANGER_SPANS) and len(NAMES) >= 8
+    assert not set(NAMES) & set(catalogue())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_stranger_shows(name):
+    case = next(case for case in drawn_cases(5, {cases.STRANGER: 13}) if name in case.strangers)
+    assert size_of(case).shift > 0.5
+
+
+@pytest.mark.parametrize("said", MISLABELLED)
+def test_every_wrong_label_changes_what_is_written_or_what_is(said):
+    from rfca_rig.exam.labels import columns_as_written, really, speed_as_written
+
+    case = drawn_cases(1, {cases.NOTHING: 1})[0]
+    world = world_of(case, 0.215, Scatter(), 1)
+    columns = {"fy_N": np.array([1.0]), "fz_N": np.array([2.0]), "tx_Nm": np.array([3.0])}
+    changed = really(world, said) != world, columns_as_written(columns, said) != columns, speed_as_written(2.0, (2.0, 3.0), said) != 2.0
+    assert sum(changed) == 1
+
+
+def test_strength_is_what_shifts_the_forces():
+    sizes = []
+    for level in range(5):
+        case = next(
+            case
+            for case in drawn_cases(1)
+            if case.kind == cases.SINGLE and "hinge_backlash" in case.effects and int(5 * case.strength) == level
+        )
+        sizes.append(size_of(case).shift)
+    assert sizes == sorted(sizes)
+
+
+def test_kinds_are_distinct_words():
+    assert len(set(KINDS)) == len(KINDS) == len(DEFAULT_NUMBERS)
+
+
+def test_an_unknown_effect_is_refused():
+    from rfca_rig.errors import BadInput
+
+    with pytest.raises(BadInput, match="nonsense"):
+        with_effect(world_of(drawn_cases(1, {cases.NOTHING: 1})[0], 0.215, Scatter(), 1), "nonsense", {})

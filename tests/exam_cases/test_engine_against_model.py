@@ -1,0 +1,85 @@
+"""The exam's simulator and the package's model, which share no code, agree on what both know."""
+
+import numpy as np
+import pytest
+
+from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.exam.believed import BELOW_SHAFT_M, LENGTHS_M, MASSES_KG, RAMP_S, START_RAD, believed_world
+from rfca_rig.exam.concealed import EFFECTS, with_effect
+from rfca_rig.exam.experiment import stroke_traces
+from rfca_rig.exam.sensor import felt
+from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount
+from rfca_rig.model.stroke import stroke_at_speed
+
+HEIGHT_M, SPEED_RAD_S = 0.215, 2.433
+
+VALUES = {
+    "hinge_coulomb_friction": {"torque_Nm": 0.1},
+    "hinge_viscous_damping": {"coefficient_Nm_s_per_rad": 0.1},
+    "hinge_backlash": {"half_gap_deg": 1.2},
+    "hinge_stop": {"angle_deg": 18.0, "stiffness_Nm_per_rad": 30.0},
+    "spring_hysteresis": {"strength_relative": 0.35, "saturation_deg": 7.0},
+    "spring_relaxation": {"strength_relative": 0.3, "time_constant_s": 0.2},
+    "damaged_hinge": {"hinge": 4.0, "stiffness_factor": 0.6},
+    "stiffness_hardening": {"k2_per_rad2": 6.0},
+    "tip_mass": {"mass_g": 30.0},
+    "fluid_drag": {"coefficient_N_s2_per_m3": 20.0},
+    "ground_stribeck": {"rise_relative": 0.4, "speed_m_s": 0.3},
+    "ground_compliance": {"stiffness_N_per_m1p5": 5e4},
+    "ground_tilt": {"slope": 0.03},
+    "ground_adhesion": {"force_N": 4.0},
+    "motor_speed_droop": {"kp_Nm_s_per_rad": 5.0, "ki_Nm_per_rad": 40.0},
+    "motor_speed_ripple": {"amplitude_relative": 0.1, "cycles_per_turn": 8.0},
+    "shaft_compliance": {"stiffness_Nm_per_rad": 100.0},
+    "frame_compliance": {"frequency_Hz": 20.0, "moving_mass_kg": 5.0, "damping_ratio": 0.05},
+    "height_offset": {"offset_mm": 2.0},
+    "gravity_tilt": {"angle_rad": 0.05},
+    "sensor_lag": {"time_constant_s": 0.01},
+    "clock_offset": {"offset_s": 0.01},
+    "sensor_crosstalk": {"fz_per_fy": 0.05},
+    "sensor_drift": {"rate_N_per_s": 1.0},
+    "sensor_gain": {"factor": 1.03},
+}
+
+
+def rig(effect: str | None) -> RigModel:
+    effects = (PresentEffect(effect, tuple(VALUES[effect].items())),) if effect else ()
+    leg = Leg(LENGTHS_M, MASSES_KG, 0.003, 11.0, 4.2, 0.05, START_RAD)
+    return RigModel(leg, Ground(1e5, 1.0, 0.45, 1e-4, 2.0), SensorMount(BELOW_SHAFT_M), Drive(RAMP_S), effects)
+
+
+def both(effect: str | None):
+    world = believed_world(HEIGHT_M)
+    traces = stroke_traces(with_effect(world, effect, VALUES[effect]) if effect else world, SPEED_RAD_S)
+    fy, fz, tx = felt(with_effect(world, effect, VALUES[effect]) if effect else world, traces)
+    model = stroke_at_speed(rig(effect), HEIGHT_M, SPEED_RAD_S, traces.t_s)
+    return traces.t_s, (fy, fz, tx), (model.fy_N, model.fz_N, model.tx_Nm)
+
+
+def test_every_effect_is_compared():
+    assert set(VALUES) == set(EFFECTS)
+
+
+@pytest.mark.parametrize("effect", [None, *EFFECTS])
+def test_valley_and_forces_agree(effect):
+    t, exam, model = both(effect)
+    mine, theirs = find_valley(t, exam[1]), find_valley(t, model[1])
+    assert isinstance(mine, Valley) and isinstance(theirs, Valley)
+    stuck = effect == "hinge_coulomb_friction"  # how a pin comes to slip is each one's own; the valley is flat there
+    assert mine.fz_N == pytest.approx(theirs.fz_N, rel=1e-3 if stuck else 2e-4)
+    assert mine.time_s == pytest.approx(theirs.time_s, abs=1.5e-3 if stuck else 1e-4)
+    pressed = (t > 0.5) & (t < theirs.time_s)
+    off = [np.sqrt(np.mean((a - b)[pressed] ** 2)) for a, b in zip(exam, model, strict=True)]
+    assert off[0] < 0.05 and off[1] < 0.05 and off[2] < 0.01
+
+
+def test_static_stages_agree():
+    from rfca_rig.exam.experiment import HOLD_S, LOADING_RAD, MOVE_RAD_S, UNLOADING_RAD, static_table
+    from rfca_rig.model.static_stages import StageMoves, static_stages
+
+    mine = static_table(believed_world(HEIGHT_M), 215.0, 0.0075, np.random.default_rng(1))
+    theirs = static_stages(rig(None), HEIGHT_M, (*LOADING_RAD, *UNLOADING_RAD), StageMoves(MOVE_RAD_S, 0.0075, HOLD_S))
+    off = np.array([(a.fy_N - b.fy_N, a.fz_N - b.fz_N, 10.0 * (a.tx_Nm - b.tx_Nm)) for a, b in zip(mine, theirs, strict=True)])
+    hinges = np.array([np.array(a.hinge_deg) - np.degrees(b.hinge_angles_rad) for a, b in zip(mine, theirs, strict=True)])
+    assert np.abs(off).max() < 0.25  # what the tip is thrown back by depends on how it sticks
+    assert np.abs(hinges).max() < 0.5

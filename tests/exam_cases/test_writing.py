@@ -1,0 +1,115 @@
+"""Cases as folders: readable by the package, the same each time, and silent about what they conceal."""
+
+import base64
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rfca_rig.campaign.reading import read_campaign
+from rfca_rig.errors import BadInput
+from rfca_rig.exam import cases
+from rfca_rig.exam.campaign_of import write_campaign
+from rfca_rig.exam.cases import Case, drawn_cases
+from rfca_rig.exam.concealed import EFFECTS
+from rfca_rig.exam.designs import Design
+from rfca_rig.exam.marking import mark, wording
+from rfca_rig.exam.rig_of import Scatter, world_of
+from rfca_rig.exam.sealing import open_all
+from rfca_rig.exam.strangers import NAMES
+from rfca_rig.exam.write import write_cases
+
+SMALL = Design(conditions=((215.0, 3.0), (235.0, 2.0)), repeats=2, static_heights_mm=(215.0,))
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory) -> tuple[Case, Path]:
+    case = replace(next(case for case in drawn_cases(1, {cases.SINGLE: 1})), design=SMALL)
+    folder = tmp_path_factory.mktemp("exam") / "case"
+    write_campaign(case, folder)
+    return case, folder
+
+
+def test_the_package_reads_it(written):
+    recording = read_campaign(written[1])
+    assert len(recording.strokes) == 4
+    assert len(recording.static) == 8
+    assert recording.strokes[0].channel("fz_N")[1].std() > 1.0
+
+
+def test_it_is_the_same_again(written, tmp_path):
+    case, folder = written
+    write_campaign(case, tmp_path / "again")
+    for file in folder.rglob("*.*"):
+        assert file.read_bytes() == (tmp_path / "again" / file.relative_to(folder)).read_bytes()
+
+
+def test_repeats_differ_by_scatter_and_noise(written):
+    strokes = read_campaign(written[1]).strokes
+    first, second = (stroke.channel("fz_N")[1] for stroke in strokes[:2])
+    swing = slice(100, 400)
+    assert 0.15 < np.std(first[swing] - second[swing]) < 0.5
+    assert strokes[0].channel("shaft_angle_rad")[1][50] != strokes[1].channel("shaft_angle_rad")[1][50]
+
+
+def test_scatter_reaches_floor_height_and_start():
+    case = drawn_cases(1, {cases.NOTHING: 1})[0]
+    plain, other = (world_of(case, 0.215, scatter, 1) for scatter in (Scatter(), Scatter(1e-4, 5e-3, 2e-3)))
+    assert other.floor.mu - plain.floor.mu == pytest.approx(5e-3)
+    assert other.mount.height_m - plain.mount.height_m == pytest.approx(1e-4)
+    assert other.drive.start_angle_rad - plain.drive.start_angle_rad == pytest.approx(2e-3)
+
+
+def test_nothing_in_the_folder_tells(written):
+    text = "".join(file.read_text() for file in written[1].rglob("*.*"))
+    for word in (*EFFECTS, *NAMES, "truth", "strength", "conceal"):
+        assert word not in text
+
+
+def test_truths_are_sealed_and_open(tmp_path):
+    folders = write_cases(tmp_path / "out", 1, {cases.POOR_DATA: 2})
+    truths = open_all(tmp_path / "out")
+    assert [folder.name for folder in folders] == [truth["case"] for truth in truths]
+    assert sorted(len(truth["effects"]) for truth in truths) == [0, 1]
+    assert truths[0]["kind"] == cases.POOR_DATA
+    assert not any(word in (tmp_path / "out" / "sealed" / f"{folders[0].name}.sealed").read_text() for word in EFFECTS)
+
+
+def test_a_truth_that_was_changed_is_refused(tmp_path):
+    write_cases(tmp_path / "out", 1, {cases.POOR_DATA: 1})
+    sealed = next((tmp_path / "out" / "sealed").iterdir())
+    sealed.write_bytes(base64.encodebytes(base64.decodebytes(sealed.read_bytes()).replace(b"poor data", b"rich data")))
+    with pytest.raises(BadInput, match="is not what was sealed"):
+        open_all(tmp_path / "out")
+
+
+def test_truths_are_sealed_before_the_first_campaign(tmp_path, monkeypatch):
+    from rfca_rig.exam import write
+
+    def fail(case: Case, folder: Path) -> None:
+        raise RuntimeError
+
+    monkeypatch.setattr(write, "write_campaign", fail)
+    with pytest.raises(RuntimeError):
+        write.write_cases(tmp_path / "out", 1, {cases.POOR_DATA: 1})
+    assert len(open_all(tmp_path / "out")) == 1
+
+
+def test_a_folder_in_use_and_an_unknown_kind_are_refused(tmp_path):
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(BadInput, match="not empty"):
+        write_cases(tmp_path, 1, {cases.POOR_DATA: 1})
+    with pytest.raises(BadInput, match="'odd' is unknown"):
+        write_cases(tmp_path / "new", 1, {"odd": 1})
+
+
+def test_a_folder_of_diagnoses_is_marked(tmp_path):
+    folders = write_cases(tmp_path / "out", 1, {cases.POOR_DATA: 2})
+    told = tmp_path / "told" / folders[0].name
+    told.mkdir(parents=True)
+    (told / "diagnosis.json").write_text('{"format": "rfca-diagnosis/1", "verdict": "not enough data", "effects": [], "fit": null}')
+    marks = mark(tmp_path / "out", tmp_path / "told")
+    assert marks.outcomes == {cases.POOR_DATA: {"right": 2}}
+    text = "\n".join(wording(marks))
+    assert "poor data: wrong names" in text and "0 of 2" in text
