@@ -1,0 +1,1 @@
+"""Says where model and recordings part, which physics was left out, and how sure that is."""

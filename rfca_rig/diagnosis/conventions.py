@@ -1,0 +1,36 @@
+"""What nobody wrote down of a static table and the table itself tells: how the shaft went from stage to stage."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.coordinates import Coordinates
+from rfca_rig.diagnosis.covariance import discrepancy, whitening_of
+from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.linear import Linear, posterior_of
+from rfca_rig.diagnosis.stages import HOLD_S, StageTable
+from rfca_rig.model.static_stages import StageMoves
+
+Floats = NDArray[np.float64]
+
+MOVES = (StageMoves(1.0, 0.005, HOLD_S), StageMoves(1.0, 0.05, HOLD_S), StageMoves(0.2, 0.2, HOLD_S))
+MODEL_ERROR = 0.01
+STEP = 0.3
+
+
+def likeliest_moves(tables: Sequence[StageTable], coordinates: Coordinates, x: Floats) -> StageMoves:
+    """Of the usual ways the one with the greatest evidence, all unknowns free around x."""
+    return max(MOVES, key=lambda moves: _log_evidence([replace(table, moves=moves) for table in tables], coordinates, x))
+
+
+def _log_evidence(tables: Sequence[StageTable], coordinates: Coordinates, x: Floats) -> float:
+    evidence = evidence_of(tables)
+    rows = evidence.rows
+    here, *moved = evidence.predicted_all([coordinates.supposed(point) for point in (x, *(x + STEP * unit for unit in np.eye(len(x))))])
+    if here is None:
+        return -np.inf
+    slope = np.column_stack([np.zeros(len(here)) if m is None else (m - here) / STEP for m in moved])
+    whitening = whitening_of(rows, np.empty((len(here), 0)), discrepancy(rows), MODEL_ERROR)
+    return posterior_of(Linear(rows.measured - here + slope @ x, slope), whitening).log_evidence

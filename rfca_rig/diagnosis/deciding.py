@@ -1,0 +1,134 @@
+"""From the weighed hypotheses to a verdict: which name may be printed, with what probability, and what it cannot be told from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from rfca_rig.diagnosis.coordinates import Choice, std_of, value_of
+from rfca_rig.diagnosis.gates import gates_of
+from rfca_rig.diagnosis.result import Gate, NamedEffect, Rival, Value, Verdict
+from rfca_rig.diagnosis.search import PRIOR_UNKNOWN, Found, Hypothesis
+
+AS_GOOD = 3.0  # log evidence within which these data do not tell two effects apart
+SURE = 0.9
+LARGEST_CLASS = 5
+UNKNOWN = ("unknown",)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The verdict on one body of evidence: the hypothesis that is accepted (nothing missing if none is), and why."""
+
+    verdict: Verdict
+    accepted: Hypothesis
+    effects: tuple[NamedEffect, ...]
+    gates: tuple[Gate, ...]
+    rivals: tuple[Rival, ...]
+    suspected: Hypothesis | None
+    probability_nothing: float
+
+
+def decided(found: Found, candidates: int) -> Decision:
+    """The verdict; `candidates` is how many effects were tried.
+
+    Where the likeliest hypothesis fails a gate, the simpler ones inside it are asked: what is surely there keeps its name though a
+    partner is refused.
+    """
+    rivals = _rivals(found)
+    nothing = _probability(rivals, ())
+    best = _simplest(found, candidates)
+    if best is None or nothing > 0.5:
+        return Decision("nothing missing", found.nothing, (), (), rivals, None, nothing)
+    attempts = [_attempt(found, h, candidates, rivals, nothing) for h in (best, *_inside(found, best))]
+    return next((attempt for attempt in attempts if attempt.verdict == "named"), attempts[0])
+
+
+def _inside(found: Found, best: Hypothesis) -> list[Hypothesis]:
+    return [h for h in found.named if set(h.ids) < set(best.ids)]
+
+
+def _attempt(found: Found, best: Hypothesis, candidates: int, rivals: tuple[Rival, ...], nothing: float) -> Decision:
+    """The verdict if this hypothesis is the one."""
+    classes = [_class_of(found, best, number) for number in range(len(best.ids))]
+    probability = _class_probability(rivals, best, classes)
+    gates = (
+        *gates_of(found, best, candidates),
+        Gate("probability", probability >= SURE, f"{probability:.3f} that it is this or one of its class, {SURE:g} needed"),
+        Gate("told apart", max(map(len, classes)) <= LARGEST_CLASS, f"as good are {max(map(len, classes))} others at most"),
+    )
+    if nothing > 0.1 or not gates[0].passed:
+        verdict: Verdict = "nothing missing" if _probability(rivals, UNKNOWN) < 0.5 else "unexplained"
+        return Decision(verdict, found.nothing, (), gates, rivals, best, nothing)
+    if not all(gate.passed for gate in gates):
+        return Decision("unexplained", found.nothing, (), gates, rivals, best, nothing)
+    return Decision("named", best, _named(best, classes, probability, gates), gates, rivals, None, nothing)
+
+
+def _rivals(found: Found) -> tuple[Rival, ...]:
+    """All hypotheses with their probabilities, most probable first; variants of one effect are one."""
+    joint: dict[tuple[str, ...], list[tuple[float, float, float]]] = {}
+    for h in (found.nothing, *found.named):
+        joint.setdefault(tuple(sorted(h.ids)), []).append((h.log_joint, h.judgement.log_evidence, h.judgement.error))
+    unknown = found.unknown
+    joint[UNKNOWN] = [(unknown.log_evidence + float(np.log(PRIOR_UNKNOWN)), unknown.log_evidence, unknown.error)]
+    logs = {ids: float(logsumexp([entry[0] for entry in entries])) for ids, entries in joint.items()}
+    total = float(logsumexp(list(logs.values())))
+    rivals = [Rival(ids, float(np.exp(logs[ids] - total)), max(entries)[1], max(entries)[2]) for ids, entries in joint.items()]
+    return tuple(sorted(rivals, key=lambda rival: -rival.probability))
+
+
+def _probability(rivals: Sequence[Rival], ids: tuple[str, ...]) -> float:
+    return next((rival.probability for rival in rivals if rival.ids == tuple(sorted(ids))), 0.0)
+
+
+def _simplest(found: Found, candidates: int) -> Hypothesis | None:
+    """The best hypothesis each of whose members is needed; None where none was fitted."""
+    needed = 3.0 + float(np.log(candidates))
+    for hypothesis in found.named:
+        parts = [h for h in found.named if set(h.ids) < set(hypothesis.ids)]
+        gain = hypothesis.judgement.log_evidence - max((h.judgement.log_evidence for h in parts), default=-np.inf)
+        if gain >= needed:
+            return hypothesis
+    return None
+
+
+def _class_of(found: Found, best: Hypothesis, number: int) -> tuple[str, ...]:
+    """The effects that could stand in the place of one of the hypothesis's, the others kept."""
+    others = set(best.ids) - {best.ids[number]}
+    same_size = [h for h in found.named if len(h.ids) == len(best.ids) and others < set(h.ids) | {best.ids[number]} and others <= set(h.ids)]
+    good = [h for h in same_size if h.judgement.log_evidence > best.judgement.log_evidence - AS_GOOD]
+    names = {name for h in good for name in h.ids if name not in others and name != best.ids[number]}
+    return tuple(sorted(names))
+
+
+def _class_probability(rivals: Sequence[Rival], best: Hypothesis, classes: Sequence[tuple[str, ...]]) -> float:
+    """That each place is taken by the name or one of its class; larger hypotheses that hold them agree with it."""
+    allowed = [{name, *others} for name, others in zip(best.ids, classes, strict=True)]
+    return sum(r.probability for r in rivals if len(r.ids) >= len(best.ids) and all(set(r.ids) & names for names in allowed))
+
+
+def _named(best: Hypothesis, classes: Sequence[tuple[str, ...]], probability: float, gates: Sequence[Gate]) -> tuple[NamedEffect, ...]:
+    choices = best.fitted.coordinates.choices
+    return tuple(
+        NamedEffect(
+            id=choice.effect.id,
+            left_out=choice.effect.left_out,
+            probability=min(probability, 0.999),
+            parameters=values_of(best, number),
+            cannot_tell_from=others,
+            wording="law confirmed, one value in all conditions and channels" if len(gates) else "",
+        )
+        for number, (choice, others) in enumerate(zip(choices, classes, strict=True))
+    )
+
+
+def values_of(hypothesis: Hypothesis, number: int) -> dict[str, Value]:
+    """Values and standard deviations of one effect's parameters."""
+    coordinates, posterior = hypothesis.fitted.coordinates, hypothesis.judgement.posterior
+    choice: Choice = coordinates.choices[number]
+    std = np.sqrt(np.diag(posterior.covariance))[coordinates.part(number)]
+    free = zip(choice.free, posterior.mean[coordinates.part(number)], std, strict=True)
+    found = {p.name: Value(value_of(p, float(z)), std_of(p, float(z), float(s))) for p, z, s in free}
+    return {name: Value(value, 0.0) for name, value in choice.whole} | found

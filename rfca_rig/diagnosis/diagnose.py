@@ -1,0 +1,135 @@
+"""`diagnose`: recordings in, the whole answer out."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.phases import Refused
+from rfca_rig.analysis.repeats import Condition, conditions_of
+from rfca_rig.description.believed import believed_model
+from rfca_rig.diagnosis.conventions import likeliest_moves
+from rfca_rig.diagnosis.coordinates import Coordinates
+from rfca_rig.diagnosis.deciding import Decision, decided
+from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.nuisances import nuisances_of
+from rfca_rig.diagnosis.result import Diagnosis
+from rfca_rig.diagnosis.search import Found, Progress, searched
+from rfca_rig.diagnosis.stages import HOLD_S, StageTable, stage_tables
+from rfca_rig.diagnosis.strokes import FlapCondition, flap_condition, turn_of
+from rfca_rig.diagnosis.turns import ShaftCondition, shaft_condition, turns_as_commanded
+from rfca_rig.diagnosis.summing_up import summed_up
+from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.effect import Effect
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.static_stages import StageMoves
+from rfca_rig.recording.form import Recording, Stroke
+
+Floats = NDArray[np.float64]
+
+OF_PENDULUMS = "pendulum-like rigs"
+SEEN_ON_THE_SHAFT = ("motor_speed_droop", "motor_speed_ripple")
+
+
+@dataclass(frozen=True)
+class Body:
+    """All that a diagnosis rests on: the model as believed, how well its values are known, and the recordings cut into conditions."""
+
+    title: str
+    rig: RigModel
+    known_to: Mapping[str, float]
+    noise_std: Mapping[str, float | None]
+    flaps: tuple[FlapCondition, ...]
+    shafts: tuple[ShaftCondition, ...]
+    as_commanded: bool
+    coordinates: Coordinates
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Verdicts:
+    """What was found in the forces, and in the shaft's own motion where it was recorded and is not as commanded."""
+
+    leg: Found
+    leg_decision: Decision
+    drive: Found | None
+    drive_decision: Decision | None
+
+
+def diagnose(recordings: Sequence[Recording], progress: Progress) -> Diagnosis:
+    """The diagnosis of recordings that believe the same of one rig.
+
+    Raises BadInput where they cannot be used together or at all, SimulationFailed where the model cannot be computed as believed.
+    `progress` is told what is being done and the share that is done.
+    """
+    progress("reading", 0.0)
+    body, tables = _body(recordings)
+    evidence = evidence_of([*body.flaps, *tables])
+    effects = _candidates(body)
+    leg = searched(evidence, body.coordinates, effects, progress)
+    drive = None if body.as_commanded or not body.shafts else _drive(body, leg, progress)
+    verdicts = Verdicts(leg, decided(leg, len(effects)), drive, None if drive is None else decided(drive, len(SEEN_ON_THE_SHAFT)))
+    progress("summing up", 0.97)
+    return summed_up(body, verdicts, effects)
+
+
+def _body(recordings: Sequence[Recording]) -> tuple[Body, tuple[StageTable, ...]]:
+    first = recordings[0]
+    for other in recordings[1:]:
+        if other.believed != first.believed or other.known_to != first.known_to:
+            raise BadInput(f"{other.title!r} believes other values of the rig than {first.title!r}; diagnose them one by one")
+    rig = believed_model(first.believed)
+    noise_std = first.believed["sensor"].get("noise_std") or {}
+    conditions = conditions_of(stroke for recording in recordings for stroke in recording.strokes)
+    probed = [flap_condition(condition, noise_std, turn_of(condition, False)) for condition in conditions]
+    remarks = tuple(flap.reason for flap in probed if isinstance(flap, Refused))
+    usable = [(c, f) for c, f in zip(conditions, probed, strict=True) if not isinstance(f, Refused)]
+    shafts = tuple(s for c, f in usable if (s := shaft_condition(c, float(f.t_s[-1]))) is not None)
+    as_commanded = all(turns_as_commanded(shaft, rig.drive.ramp_s) for shaft in shafts)
+    flaps = tuple(replace(flap, turn=turn_of(condition, not as_commanded)) for condition, flap in usable)
+    known_to = {key: float(value) for key, value in first.known_to.items() if value is not None}
+    before_s = _before_start_s(condition for condition, _ in usable)
+    coordinates = Coordinates(nuisances_of(rig, known_to, before_s))
+    stages = [stage for recording in recordings for stage in recording.static]
+    tables = stage_tables(stages, noise_std, StageMoves(1.0, 0.005, HOLD_S))
+    if tables:
+        moves = likeliest_moves(tables, coordinates, np.zeros(coordinates.size))
+        tables = tuple(replace(table, moves=moves) for table in tables)
+    title = "; ".join(recording.title for recording in recordings)
+    return Body(title, rig, known_to, noise_std, flaps, shafts, as_commanded, coordinates, remarks), tables
+
+
+def _before_start_s(conditions: Iterable[Condition]) -> float:
+    """How long before the start the shortest recording begins, to the millisecond; 0 where one begins with the motion."""
+    begins = [_first_s(stroke) for condition in conditions for stroke in condition.strokes]
+    return max(0.0, float(np.floor(-1e3 * max(begins)) / 1e3)) if begins else 0.0
+
+
+def _first_s(stroke: Stroke) -> float:
+    return min(float(stream.t_s[0]) for stream in stroke.streams.values())
+
+
+def _candidates(body: Body) -> list[Effect]:
+    """What may be missing from the leg and its surroundings; a drive whose shaft was recorded is judged by that."""
+    believed = {present.id for present in body.rig.effects}
+    judged_apart = SEEN_ON_THE_SHAFT if body.shafts else ()
+    known = [effect for effect in catalogue().values() if effect.where != OF_PENDULUMS]
+    return [effect for effect in known if effect.id not in believed and effect.id not in judged_apart]
+
+
+def _drive(body: Body, leg: Found, progress: Progress) -> Found:
+    """The same search for the shaft's own motion, the leg as the best hypothesis has it."""
+    best = max((leg.nothing, *leg.named), key=lambda hypothesis: hypothesis.log_joint)
+    supposed = best.fitted.coordinates.supposed(best.fitted.x)
+    swing = supposed.rig.swing
+    rig = replace(supposed.rig, leg=replace(supposed.rig.leg, start_angle_rad=body.rig.leg.start_angle_rad))
+    known = {"start_angle_deg": body.known_to.get("start_angle_deg", 0.3), "friction_coefficient": 0.02}
+    space = nuisances_of(rig, known, 0.0)
+    space = replace(space, centre=replace(space.centre, rig=replace(space.centre.rig, swing=swing)))
+    evidence = evidence_of(body.shafts)
+    effects = [catalogue()[name] for name in SEEN_ON_THE_SHAFT]
+    return searched(evidence, Coordinates(space), effects, lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share))
+
+

@@ -1,0 +1,76 @@
+"""Everything that was recorded, as rows, and the model's answer to the same."""
+
+import os
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.diagnosis.rows import Rows, stacked
+from rfca_rig.diagnosis.stages import StageTable
+from rfca_rig.diagnosis.strokes import FlapCondition
+from rfca_rig.errors import BadInput, SimulationFailed
+
+Floats = NDArray[np.float64]
+
+THREADS = os.cpu_count() or 1
+
+
+class Part(Protocol):
+    """One condition of an experiment: its rows, and the model's for the same."""
+
+    def rows(self) -> Rows:
+        """What was measured."""
+        ...
+
+    def simulated(self, supposed: Supposed) -> Floats:
+        """What the model says, (m,). Raises SimulationFailed."""
+        ...
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The conditions, and their rows in the same order."""
+
+    parts: tuple[Part, ...]
+    rows: Rows
+
+    @property
+    def repeats(self) -> tuple[Floats, ...]:
+        """The binned strokes (r, rows) of each condition; those without repeats, as a static table, stand alone."""
+        empty = np.empty((1, 0))
+        return tuple(part.repeats if isinstance(part, FlapCondition) else empty for part in self.parts)
+
+    @property
+    def flaps(self) -> tuple[FlapCondition, ...]:
+        """The conditions of the dynamic experiment."""
+        return tuple(part for part in self.parts if isinstance(part, FlapCondition))
+
+    @property
+    def tables(self) -> tuple[StageTable, ...]:
+        """The tables of the static one."""
+        return tuple(part for part in self.parts if isinstance(part, StageTable))
+
+    def predicted(self, supposed: Supposed) -> Floats | None:
+        """The model's rows (m,); None where it has no answer."""
+        try:
+            return np.concatenate([part.simulated(supposed) for part in self.parts])
+        except (SimulationFailed, BadInput):
+            return None
+
+    def predicted_all(self, supposed: Sequence[Supposed]) -> list[Floats | None]:
+        """The same for many, side by side: the compiled model releases the interpreter lock."""
+        with ThreadPoolExecutor(THREADS) as pool:
+            return list(pool.map(self.predicted, supposed))
+
+
+def evidence_of(parts: Iterable[Part]) -> Evidence:
+    """The evidence of these conditions. Raises BadInput where there is none."""
+    parts = tuple(parts)
+    if not parts:
+        raise BadInput("nothing to diagnose: no stroke shows a touchdown and a valley, and there is no static table")
+    return Evidence(parts, stacked([part.rows() for part in parts]))

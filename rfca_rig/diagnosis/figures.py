@@ -1,0 +1,116 @@
+"""Figures before and after: fit, held-out conditions, valleys, and curves to draw."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.counterpart import GRID_S, LONGER
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.phases import Refused
+from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.diagnosis.covariance import Whitening
+from rfca_rig.diagnosis.linear import Linear, posterior_of
+from rfca_rig.diagnosis.locating import usual_covariance
+from rfca_rig.diagnosis.result import BeforeAfter, Overlay
+from rfca_rig.diagnosis.search import Found, Hypothesis
+from rfca_rig.diagnosis.strokes import FORCES, FlapCondition
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.stroke import stroke_following
+
+Floats = NDArray[np.float64]
+
+
+def before_and_after(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
+    """Rms of strokes against the model as believed and as accepted, per signal, and what noise and scatter leave of it."""
+    rows = found.evidence.rows
+    after = accepted.fitted.predicted + accepted.fitted.slope @ (accepted.judgement.posterior.mean - accepted.fitted.x)
+    floor = np.sqrt(rows.noise**2 + (found.scatter.columns**2).sum(axis=1))
+    figures = {}
+    for signal in FORCES:
+        here = (rows.signal == signal) & (rows.experiment == "dynamic")
+        if here.any():
+            figures[f"rms_{signal}"] = BeforeAfter(
+                _rms((rows.measured - found.believed.predicted)[here]), _rms((rows.measured - after)[here]), _rms(floor[here])
+            )
+    return figures
+
+
+def held_out(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
+    """The same on conditions that were left out in turn: all unknowns fitted to the others, without and with the effect."""
+    rows = found.evidence.rows
+    dynamic = sorted({int(c) for c in rows.condition[rows.experiment == "dynamic"]})
+    if len(dynamic) < 2:
+        return {}
+    covariance = usual_covariance(found.judge)
+    before = _foretold_apart(found, found.nothing, covariance, dynamic)
+    after = _foretold_apart(found, accepted, covariance, dynamic)
+    floor = np.sqrt(rows.noise**2 + (found.scatter.columns**2).sum(axis=1))
+    figures = {}
+    for signal in FORCES:
+        here = (rows.signal == signal) & np.isin(rows.condition, dynamic)
+        if here.any():
+            figures[f"held_out_rms_{signal}"] = BeforeAfter(_rms(before[here]), _rms(after[here]), _rms(floor[here]))
+    return figures
+
+
+def _foretold_apart(found: Found, hypothesis: Hypothesis, covariance: Floats, conditions: Sequence[int]) -> Floats:
+    rows = found.evidence.rows
+    linear = hypothesis.fitted.linear(rows.measured)
+    apart = np.zeros(len(rows.measured))
+    for condition in conditions:
+        out = rows.condition == condition
+        factor = np.linalg.cholesky(covariance[np.ix_(~out, ~out)])
+        mean = posterior_of(Linear(linear.target[~out], linear.slope[~out]), Whitening(0.0, factor, 0.0)).mean
+        apart[out] = linear.target[out] - linear.slope[out] @ mean
+    return apart
+
+
+def valley_errors(flaps: Sequence[FlapCondition], believed: Supposed, after: Supposed, drive_found: bool) -> Mapping[str, BeforeAfter]:
+    """Mean error of the valley in time and force, in percent, as in Table II; the believed shaft turns as commanded.
+
+    With a drive that was found at fault the accepted model makes the shaft's motion itself, otherwise it follows the conditions' turn.
+    """
+    found = [
+        (flap.valley, _valley(flap, believed, True), _valley(flap, after, drive_found))
+        for flap in flaps
+        if not isinstance(flap.valley, Refused)
+    ]
+    whole = [(m, b, a) for m, b, a in found if isinstance(m, Valley) and isinstance(b, Valley) and isinstance(a, Valley)]
+    if not whole:
+        return {}
+    return {
+        "valley_time_error_pct": BeforeAfter(_error([(b.time_s, m.time_s) for m, b, _ in whole]), _error([(a.time_s, m.time_s) for m, _, a in whole])),
+        "valley_force_error_pct": BeforeAfter(_error([(b.fz_N, m.fz_N) for m, b, _ in whole]), _error([(a.fz_N, m.fz_N) for m, _, a in whole])),
+    }
+
+
+def _valley(flap: FlapCondition, supposed: Supposed, commanded: bool) -> Valley | Refused:
+    t_s = GRID_S * np.arange(0, int(LONGER * flap.phases.valley_s / GRID_S))
+    turn = replace(flap.turn, recorded=None) if commanded else flap.turn
+    try:
+        motion = turn.motion(supposed, float(t_s[-1]))
+        stroke = stroke_following(supposed.rig, flap.height_m + supposed.height_offset_m, motion, t_s)
+    except SimulationFailed as error:
+        return Refused(str(error))
+    return find_valley(stroke.t_s, stroke.fz_N)
+
+
+def _error(pairs: Sequence[tuple[float, float]]) -> float:
+    return float(np.mean([100.0 * abs(simulated - measured) / abs(measured) for simulated, measured in pairs]))
+
+
+def overlays(found: Found, accepted: Hypothesis) -> tuple[Overlay, ...]:
+    """Measured means with both models, condition by condition and signal by signal."""
+    rows = found.evidence.rows
+    after = accepted.fitted.predicted + accepted.fitted.slope @ (accepted.judgement.posterior.mean - accepted.fitted.x)
+    return tuple(
+        Overlay(label.condition, label.signal, rows.t_s[here], rows.measured[here], found.believed.predicted[here], after[here])
+        for number, label in enumerate(rows.labels)
+        if label.experiment == "dynamic" and len(here := np.flatnonzero(rows.label == number))
+    )
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))

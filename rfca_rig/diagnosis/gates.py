@@ -1,0 +1,139 @@
+"""What a hypothesis must stand before its name is printed. A relative probability alone can never say "none of these"."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.covariance import Whitening
+from rfca_rig.diagnosis.linear import Linear, posterior_of
+from rfca_rig.diagnosis.result import Gate
+from rfca_rig.diagnosis.search import Found, Hypothesis
+
+Floats = NDArray[np.float64]
+
+VARIATIONS = (0.0, 0.1, 0.25)  # by how much an effect's size may differ between conditions, as a share
+THEIR_PRIOR = (0.5, 0.3, 0.2)
+MOST_VARIATION = 0.125  # posterior mean: beyond, the effect behaves only partly like its law
+MOST_IMPROVE = 0.8  # share of conditions that must be foretold better
+AT_A_BOUND = 2.6  # prior deviations of an effect's parameter: a log-uniform one is within 1 % of its end
+STRAINED = 3.5  # prior deviations of a nuisance
+
+
+def gates_of(found: Found, best: Hypothesis, candidates: int) -> tuple[Gate, ...]:
+    """All gates for the best hypothesis, passed or not."""
+    signatures = _signatures(found, best)
+    return (
+        _evidence(found, best, candidates),
+        _each_needed(found, best, candidates),
+        _invariance(found, best, signatures, "conditions", found.evidence.rows.condition),
+        _invariance(found, best, signatures, "channels", _channels(found)),
+        _foretold(found, best),
+        _plausible(best),
+        _remainder(found, best),
+    )
+
+
+def _evidence(found: Found, best: Hypothesis, candidates: int) -> Gate:
+    gain = best.judgement.log_evidence - found.nothing.judgement.log_evidence
+    needed = 3.0 + float(np.log(candidates))
+    return Gate("evidence", gain >= needed, f"log evidence {gain:.1f} above that of nothing missing, {needed:.1f} needed")
+
+
+def _each_needed(found: Found, best: Hypothesis, candidates: int) -> Gate:
+    """Every member of a pair must raise the evidence over the other alone."""
+    if len(best.ids) < 2:
+        return Gate("each needed", True, "one effect only")
+    needed = 3.0 + float(np.log(candidates))
+    simpler = [h for h in found.named if len(h.ids) < len(best.ids) and set(h.ids) < set(best.ids)]
+    gain = best.judgement.log_evidence - max((h.judgement.log_evidence for h in simpler), default=-np.inf)
+    return Gate("each needed", gain >= needed, f"log evidence {gain:.1f} above that of the better one alone, {needed:.1f} needed")
+
+
+def _signatures(found: Found, best: Hypothesis) -> list[Floats]:
+    """What each effect does to the rows where the hypothesis fits best, its own nuisances kept."""
+    coordinates = best.fitted.coordinates
+    signatures = []
+    for number in range(len(coordinates.choices)):
+        others = [choice for i, choice in enumerate(coordinates.choices) if i != number]
+        x = np.delete(best.fitted.x, np.arange(*coordinates.part(number).indices(coordinates.size)))
+        without = found.evidence.predicted(coordinates.with_choices(others).supposed(x))
+        signatures.append(best.fitted.predicted * 0.0 if without is None else best.fitted.predicted - without)
+    return signatures
+
+
+def _channels(found: Found) -> NDArray[np.intp]:
+    """Counts the signals, static forces with those of strokes, and all hinge angles as one."""
+    signal = np.array(["hinges" if name.startswith("hinge") else name for name in found.evidence.rows.signal])
+    return np.unique(signal, return_inverse=True)[1]
+
+
+def _invariance(found: Found, best: Hypothesis, signatures: Sequence[Floats], what: str, group: NDArray[np.intp]) -> Gate:
+    """Whether one size of the effect serves all groups: the posterior of how much it would have to vary."""
+    if int(group.max()) == 0:
+        return Gate(f"one value in all {what}", True, f"only one of the {what}")
+    linear = best.fitted.linear(found.evidence.rows.measured)
+    columns = [np.where(group == g, s, 0.0) for s in signatures for g in range(int(group.max()) + 1)]
+    spread = np.column_stack([c for c in columns if np.any(c)] or [np.zeros(len(group))])
+    logs = np.array([found.judge.judged(linear, tau * spread if tau else None).log_evidence for tau in VARIATIONS])
+    weights = np.exp(logs - logs.max()) * np.array(THEIR_PRIOR)
+    varies = float(weights @ np.array(VARIATIONS) / weights.sum())
+    return Gate(f"one value in all {what}", varies <= MOST_VARIATION, f"its size varies between {what} by {100 * varies:.0f} % at a guess")
+
+
+def _foretold(found: Found, best: Hypothesis) -> Gate:
+    """Each condition left out in turn, all unknowns fitted to the others: is it foretold better with the effect?"""
+    before, after, floor = left_out(found, found.nothing), left_out(found, best), _floor(found)
+    if len(before) < 3:
+        return Gate("foretells", False, f"only {len(before)} conditions: none can be left out to be foretold")
+    gains = before - after
+    enough = float(gains.mean()) > float(gains.std(ddof=1)) / np.sqrt(len(gains))
+    share = float(np.mean(gains > 0.0))
+    none_worse = bool((-gains <= floor).all())
+    text = f"left out in turn, {100 * share:.0f} % of {len(gains)} conditions are foretold better; rms {before.mean():.2f} -> {after.mean():.2f}"
+    return Gate("foretells", enough and share >= MOST_IMPROVE and none_worse, text + " of what a usual model error explains")
+
+
+def left_out(found: Found, hypothesis: Hypothesis) -> Floats:
+    """Rms of each condition's misfit in units of noise and usual model error, when it is foretold from all others, (conditions,)."""
+    rows = found.evidence.rows
+    linear = hypothesis.fitted.linear(rows.measured)
+    usual = min(found.judge.named, key=lambda whitening: abs(whitening.s - 0.01))
+    covariance = usual.factor @ usual.factor.T
+    std = np.sqrt(np.diag(covariance))
+    return np.array([_foretelling(linear, covariance, std, rows.condition == c) for c in range(int(rows.condition.max()) + 1)])
+
+
+def _foretelling(linear: Linear, covariance: Floats, std: Floats, out: NDArray[np.bool_]) -> float:
+    kept = ~out
+    factor = np.linalg.cholesky(covariance[np.ix_(kept, kept)])
+    whitening = Whitening(0.0, factor, 0.0)
+    mean = posterior_of(Linear(linear.target[kept], linear.slope[kept]), whitening).mean
+    apart = (linear.target[out] - linear.slope[out] @ mean) / std[out]
+    return float(np.sqrt(np.mean(apart**2)))
+
+
+def _floor(found: Found) -> float:
+    """By how much a condition may come out worse: what chance does to an rms."""
+    return float(3.0 / np.sqrt(2.0 * len(found.evidence.rows.measured) / max(int(found.evidence.rows.condition.max()) + 1, 1)))
+
+
+def _plausible(best: Hypothesis) -> Gate:
+    """No parameter on a bound of what is plausible, and no nuisance far from where it is believed."""
+    coordinates, mean = best.fitted.coordinates, best.judgement.posterior.mean
+    strained = [
+        f"{choice.effect.id} {parameter.name}"
+        for number, choice in enumerate(coordinates.choices)
+        for parameter, z in zip(choice.free, mean[coordinates.part(number)], strict=True)
+        if abs(z) > AT_A_BOUND
+    ]
+    off = [name for name, z in zip(coordinates.space.names, mean, strict=False) if abs(z) > STRAINED]
+    problems = strained + [f"{name} far from believed" for name in off]
+    return Gate("plausible", not problems, "; ".join(problems) or "all values within what is plausible")
+
+
+def _remainder(found: Found, best: Hypothesis) -> Gate:
+    s = best.judgement.error
+    largest = found.judge.named[-1].s
+    return Gate("nothing left over", s < 0.75 * largest, f"what is left is like a model error of {100 * s:.1f} %")

@@ -1,0 +1,65 @@
+"""How likely the recordings are under one hypothesis, with the size of the model's own error integrated out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from rfca_rig.diagnosis.covariance import Whitening, discrepancy, whitening_of
+from rfca_rig.diagnosis.linear import Linear, Posterior, posterior_of
+from rfca_rig.diagnosis.rows import Rows
+
+Floats = NDArray[np.float64]
+
+USUAL_ERROR = 0.01  # half-normal size of the error of a model that lacks nothing, as a share of the signal
+NAMED_ERRORS = (0.005, 0.0075, 0.01, 0.015, 0.02, 0.03)  # below the first no real leg and model agree
+UNKNOWN_ERRORS = (0.03, 0.045, 0.07, 0.12, 0.2, 0.35, 0.6)  # log-uniform: something that nobody listed
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Log evidence, the model error s that goes with it (mean), and the posterior at the likeliest s."""
+
+    log_evidence: float
+    error: float
+    posterior: Posterior
+    whitening: Whitening
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Whitenings over the plausible errors of a model that lacks nothing, and of one that something unlisted is missing from."""
+
+    named: tuple[Whitening, ...]
+    unknown: tuple[Whitening, ...]
+
+    def judged(self, linear: Linear, loose: Floats | None = None) -> Judgement:
+        """The hypothesis whose linear model this is, as if nothing else were missing; `loose` as in `linear.posterior_of`."""
+        half_normal = np.log(np.gradient(NAMED_ERRORS)) - 0.5 * (np.array(NAMED_ERRORS) / USUAL_ERROR) ** 2
+        return _integrated(self.named, half_normal - logsumexp(half_normal), linear, loose)
+
+    def judged_unknown(self, linear: Linear) -> Judgement:
+        """The same with something unlisted in it."""
+        return _integrated(self.unknown, np.full(len(self.unknown), -np.log(len(self.unknown))), linear, None)
+
+    def level(self, linear: Linear) -> Whitening:
+        """The whitening under which this linear model is likeliest: what its misfit really is."""
+        every = (*self.named, *self.unknown[1:])
+        return max(every, key=lambda whitening: posterior_of(linear, whitening).log_evidence)
+
+
+def judge_of(rows: Rows, scatter: Floats) -> Judge:
+    """The judge of these rows; `scatter` (m, k) as B in `covariance`."""
+    kernel = discrepancy(rows)
+    named = tuple(whitening_of(rows, scatter, kernel, s) for s in NAMED_ERRORS)
+    return Judge(named, tuple(whitening_of(rows, scatter, kernel, s) for s in UNKNOWN_ERRORS))
+
+
+def _integrated(whitenings: tuple[Whitening, ...], log_weights: Floats, linear: Linear, loose: Floats | None) -> Judgement:
+    found = [posterior_of(linear, whitening, loose) for whitening in whitenings]
+    logs = np.array([posterior.log_evidence for posterior in found]) + log_weights
+    total = float(logsumexp(logs))
+    best = int(np.argmax(logs))
+    error = float(np.exp(logs - total) @ np.array([whitening.s for whitening in whitenings]))
+    return Judgement(total, error, found[best], whitenings[best])

@@ -1,0 +1,59 @@
+"""Bayes' rule where the model is linear near its best point (Laplace): evidence, posterior, and what leaving a condition out would do.
+
+With y measured, f the model at x0 and J its slope there, r = y - f + J x0 is normal with mean J x, and x standard normal before the data.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.covariance import Whitening
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The model near a point: `target` (m,) is r above, `slope` (m, p) is J, both in the signals' units."""
+
+    target: Floats
+    slope: Floats
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Mean (p,) and covariance (p, p) of x, and log of the density of the data under the hypothesis (without 2 pi)."""
+
+    mean: Floats
+    covariance: Floats
+    log_evidence: float
+    chi2: float
+
+
+def posterior_of(linear: Linear, whitening: Whitening, loose: Floats | None = None) -> Posterior:
+    """The posterior under C; `loose` (m, k) are further directions in which the data may vary by one standard deviation each."""
+    target, slope = whitening(linear.target), whitening(linear.slope)
+    log_det = whitening.log_det
+    if loose is not None and loose.size:
+        target, slope, log_det = _loosened(target, slope, whitening(loose), log_det)
+    return _solved(target, slope, log_det)
+
+
+def _solved(target: Floats, slope: Floats, log_det: float) -> Posterior:
+    precision = slope.T @ slope + np.eye(slope.shape[1])
+    covariance = np.linalg.inv(precision)
+    mean = covariance @ (slope.T @ target)
+    rest = target - slope @ mean
+    chi2 = float(rest @ rest)
+    sign_log = float(np.linalg.slogdet(precision)[1])
+    return Posterior(mean, covariance, -0.5 * (chi2 + float(mean @ mean) + log_det + sign_log), chi2)
+
+
+def _loosened(target: Floats, slope: Floats, loose: Floats, log_det: float) -> tuple[Floats, Floats, float]:
+    """Whitens once more, for C + V V^T: with V = U S W^T every direction of U shrinks by 1 / sqrt(1 + S^2)."""
+    directions, size, _ = np.linalg.svd(loose, full_matrices=False)
+    shrink = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
+    target = target - directions @ (shrink * (directions.T @ target))
+    slope = slope - directions @ (shrink[:, None] * (directions.T @ slope))
+    return target, slope, log_det + float(np.log1p(size**2).sum())

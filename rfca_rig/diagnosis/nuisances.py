@@ -1,0 +1,51 @@
+"""What every hypothesis may move: the values of [known_to], the two numbers of the floor that nobody measures, and a leg that has not
+quite come to rest when the recording begins."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, Parameter, Space, Supposed, space_of
+from rfca_rig.model.parameters import RigModel, Swing
+
+SELDOM_MEASURED = ("presliding", "tangential_damping")  # how a floor ties and drags a point beside mu N
+THEIR_SPREAD = 0.3
+SAGS = 0.3  # a leg let go straight half a second before still swings by a third of its sag
+SAGS_PER_S = 25.0  # the same as a speed, at the 13 Hz of the paper's leg
+
+
+def nuisances_of(rig: RigModel, known_to: Mapping[str, float], before_s: float) -> Space:
+    """The space of all nuisances; `before_s` is how long before the start the recording begins."""
+    swinging = replace(rig, swing=Swing(before_s, 0.0, 0.0)) if before_s > 0.0 else rig
+    names = [p.name for p in PARAMETERS.values() if p.known_to and known_to.get(p.known_to)]
+    space = space_of([*names, *SELDOM_MEASURED], Supposed(swinging), known_to)
+    space = replace(space, std=np.where(space.has_prior, space.std, THEIR_SPREAD), has_prior=np.ones(len(space.std), dtype=bool))
+    return _joined(space, _SWING) if before_s > 0.0 else space
+
+
+def _joined(space: Space, more: tuple[Parameter, ...]) -> Space:
+    return replace(
+        space,
+        parameters=(*space.parameters, *more),
+        std=np.append(space.std, [p.spread for p in more]),
+        has_prior=np.append(space.has_prior, np.ones(len(more), dtype=bool)),
+    )
+
+
+def _swing(at: Supposed) -> Swing:
+    return at.rig.swing or Swing(0.0, 0.0, 0.0)
+
+
+def _with_share(at: Supposed, share: float) -> Supposed:
+    return replace(at, rig=replace(at.rig, swing=replace(_swing(at), share=share)))
+
+
+def _with_rate(at: Supposed, rate_per_s: float) -> Supposed:
+    return replace(at, rig=replace(at.rig, swing=replace(_swing(at), rate_per_s=rate_per_s)))
+
+
+_SWING = (
+    Parameter("swing", "sags", False, SAGS, lambda at: _swing(at).share, _with_share),
+    Parameter("swing_rate", "sags/s", False, SAGS_PER_S, lambda at: _swing(at).rate_per_s, _with_rate),
+)

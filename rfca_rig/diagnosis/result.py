@@ -1,0 +1,137 @@
+"""What a diagnosis says, as plain values: the report, the JSON file and the terminal all read this."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.model.parameters import PresentEffect, RigModel
+
+Floats = NDArray[np.float64]
+Verdict = Literal["nothing missing", "named", "unexplained", "not enough data"]
+
+
+@dataclass(frozen=True)
+class Located:
+    """One place where model and recordings part: a signal in a phase, over the conditions where it shows.
+
+    `size` is the rms difference there in `unit`; `sigmas` the same against noise, scatter, model error and what the believed values'
+    uncertainty can do; `p_value` is that of chance, corrected for the number of places looked at.
+    """
+
+    signal: str
+    experiment: str
+    phase: str
+    conditions: tuple[str, ...]
+    size: float
+    unit: str
+    sigmas: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell of the map: rms difference of one signal, phase and condition, and that against what could be expected."""
+
+    signal: str
+    experiment: str
+    phase: str
+    condition: str
+    size: float
+    sigmas: float
+
+
+@dataclass(frozen=True)
+class Value:
+    """A parameter's value and standard deviation, in the unit of its name."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Gate:
+    """One of the conditions that a name must meet, and in words what was found."""
+
+    name: str
+    passed: bool
+    found: str
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect that was left out. `cannot_tell_from` are those that these data explain as well by."""
+
+    id: str
+    left_out: str
+    probability: float
+    parameters: Mapping[str, Value]
+    cannot_tell_from: tuple[str, ...]
+    wording: str
+
+
+@dataclass(frozen=True)
+class NotSeen:
+    """An effect that was looked for and not found: the size that would have been seen, None where none plausible would have."""
+
+    id: str
+    would_have_seen: Mapping[str, float] | None
+
+
+@dataclass(frozen=True)
+class Rival:
+    """One hypothesis with its probability; `ids` empty for nothing missing, ("unknown",) for something unlisted."""
+
+    ids: tuple[str, ...]
+    probability: float
+    log_evidence: float
+    model_error: float
+
+
+@dataclass(frozen=True)
+class BeforeAfter:
+    """A figure under the believed model, under the accepted one, and where it cannot fall below."""
+
+    before: float
+    after: float
+    noise_floor: float | None = None
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """One condition's mean signal with both models beside it, all (m,)."""
+
+    condition: str
+    signal: str
+    t_s: Floats
+    measured: Floats
+    before: Floats
+    after: Floats
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The whole answer. `sentence` says the verdict in words; `settings` what it rests on (model error, scatter, priors, seeds)."""
+
+    title: str
+    verdict: Verdict
+    sentence: str
+    located: tuple[Located, ...]
+    cells: tuple[Cell, ...]
+    effects: tuple[NamedEffect, ...]
+    gates: tuple[Gate, ...]
+    rivals: tuple[Rival, ...]
+    not_seen: tuple[NotSeen, ...]
+    fit: Mapping[str, BeforeAfter]
+    held_out: Mapping[str, BeforeAfter]
+    valley: Mapping[str, BeforeAfter]
+    unexplained: tuple[str, ...]
+    remarks: tuple[str, ...]
+    next_experiment: Mapping[str, object] | None
+    believed_values: Mapping[str, Value]
+    overlays: tuple[Overlay, ...]
+    settings: Mapping[str, object]
+    found_effects: tuple[PresentEffect, ...]
+    found_rig: RigModel

@@ -1,0 +1,105 @@
+"""A first look at every effect: what it would do to the rows at some sizes, and how much of the misfit that could take away."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.coordinates import Choice
+from rfca_rig.diagnosis.covariance import Whitening
+from rfca_rig.diagnosis.descent import Fitted
+from rfca_rig.diagnosis.evidence import Evidence
+from rfca_rig.model.effect import Effect, Parameter
+
+Floats = NDArray[np.float64]
+
+ALONE = (-1.4, -0.5, 0.5, 1.4)
+TOGETHER = (-1.1, 0.0, 1.1)
+OF_THREE = (-1.0, 0.8)
+SIGNED_SHARES = (-0.6, -0.15, 0.15, 0.6)
+RESCALED = 3.0  # a signature may be this much too large or small and still be a start
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One effect at one place: coordinates z of its free parameters, and its signature there (m,), in the signals' units."""
+
+    choice: Choice
+    z: Floats
+    signature: Floats
+
+
+def choices_of(effect: Effect) -> tuple[Choice, ...]:
+    """The effect, once for every value of what it counts."""
+    whole = [parameter for parameter in effect.parameters if parameter.whole]
+    values = [[(p.name, float(v)) for v in range(int(p.low), int(p.high) + 1)] for p in whole]
+    return tuple(Choice(effect, tuple(combination)) for combination in product(*values))
+
+
+def tried(evidence: Evidence, base: Fitted, choices: Sequence[Choice]) -> list[Trial]:
+    """All choices over a coarse grid of their parameters, on top of what `base` has already; those without an answer are left out."""
+    points = [(choice, z) for choice in choices for z in _grid(choice)]
+    coordinates = base.coordinates
+    supposed = []
+    for choice, z in points:
+        wider = coordinates.with_choices((*coordinates.choices, choice))
+        supposed.append(wider.supposed(np.concatenate([base.x, z])))
+    found = evidence.predicted_all(supposed)
+    return [Trial(c, z, there - base.predicted) for (c, z), there in zip(points, found, strict=True) if there is not None]
+
+
+def _grid(choice: Choice) -> list[Floats]:
+    free = choice.free
+    if choice.whole:
+        return [np.full(len(free), 0.3)]
+    if len(free) == 1:
+        return [np.array([z]) for z in _alone(free[0])]
+    return [np.array(point) for point in product(TOGETHER if len(free) == 2 else OF_THREE, repeat=len(free))]
+
+
+def _alone(parameter: Parameter) -> tuple[float, ...]:
+    """Both signs of one that has two; for one about a value that changes nothing, as a gain, both sides of it."""
+    if parameter.low < 0.0 < parameter.high or parameter.high / max(parameter.low, 1e-300) <= 2.0:
+        return tuple(4.0 * share * 0.5 for share in SIGNED_SHARES)
+    return ALONE
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Whitened residual space of a fitted hypothesis, nuisances taken out as far as their prior lets them move."""
+
+    whitening: Whitening
+    slope: Floats
+    inverse: Floats
+    residual: Floats
+
+    def through(self, whitened: Floats) -> Floats:
+        """What of a whitened vector the nuisances cannot take up."""
+        return whitened - self.slope @ (self.inverse @ (self.slope.T @ whitened))
+
+    def power(self, signature: Floats) -> float:
+        """Squared size of a signature beyond noise, scatter, model error and nuisances."""
+        white = self.whitening(signature)
+        return float(white @ self.through(white))
+
+    def gain(self, signature: Floats) -> tuple[float, float]:
+        """(chi2 that it could take away, factor by which it would have to be scaled for that)."""
+        white = self.whitening(signature)
+        inside = self.through(white)
+        power, match = float(white @ inside), float(inside @ self.residual)
+        if power <= 0.0:
+            return 0.0, 1.0
+        factor = float(np.clip(match / power, 1.0 / RESCALED, RESCALED))
+        return 2.0 * factor * match - factor**2 * power, factor
+
+
+def projection_of(base: Fitted, measured: Floats, whitening: Whitening) -> Projection:
+    """The space around `base`; its residual counts from where the prior puts the nuisances' best linear correction."""
+    slope = whitening(base.slope)
+    inverse = np.linalg.inv(slope.T @ slope + np.eye(slope.shape[1]))
+    linear = base.linear(measured)
+    residual = whitening(linear.target)
+    return Projection(whitening, slope, inverse, residual - slope @ (inverse @ (slope.T @ residual)))
+

@@ -1,0 +1,97 @@
+"""The static table of one height as rows, and the simulated stages."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.diagnosis.rows import Label, Rows
+from rfca_rig.model.static_stages import StageMoves, staged_motion
+from rfca_rig.model.stroke import stroke_following
+from rfca_rig.recording.form import StaticStage
+
+Floats = NDArray[np.float64]
+
+FORCES = ("fy_N", "fz_N", "tx_Nm")
+MEAN_OF_SAMPLES = 5.0  # a stage's mean is at least this much quieter, squared, than one sample: readings drift while they are averaged
+HINGE_NOISE_DEG = 0.2  # of a red mark in a photograph, where the table does not say
+STAGE_APART_RAD = 0.4  # stages this far apart err on their own
+IN_MOTION_ONLY = ("sensor_lag", "clock_offset", "sensor_drift", "motor_speed_droop", "motor_speed_ripple")  # a settled reading does not show them
+HOLD_S = 0.3  # the slowest swing of the paper's leg has died out
+
+
+@dataclass(frozen=True)
+class StageTable:
+    """The stages of one height in their order, moved to as `moves` says."""
+
+    height_m: float
+    stages: tuple[StaticStage, ...]
+    moves: StageMoves
+    noise: Mapping[str, float]
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        hinges = len(self.stages[0].hinge_deg)
+        return (*FORCES, *(f"hinge{i}_deg" for i in range(2, 2 + hinges)))
+
+    def simulated(self, supposed: Supposed) -> Floats:
+        """The model's rows, signal after signal, NaN where nothing was measured left out. Raises SimulationFailed."""
+        return self._table(supposed)[self._present()]
+
+    def _table(self, supposed: Supposed) -> Floats:
+        leg = supposed.rig.leg
+        turned = [stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages]
+        motion, read_s = staged_motion(leg.start_angle_rad, turned, self.moves)
+        settled = tuple(effect for effect in supposed.rig.effects if effect.id not in IN_MOTION_ONLY)
+        held = stroke_following(replace(supposed.rig, swing=None, effects=settled), self.height_m + supposed.height_offset_m, motion, read_s)
+        hinges = np.degrees(np.diff(held.q_rad, axis=1)).T[: len(self.signals) - 3]
+        return np.concatenate([held.fy_N, held.fz_N, held.tx_Nm, *hinges])
+
+    def _measured(self) -> Floats:
+        forces = [[getattr(stage, signal) for stage in self.stages] for signal in FORCES]
+        return np.concatenate([*forces, *np.array([stage.hinge_deg for stage in self.stages]).T])
+
+    def _present(self) -> NDArray[np.bool_]:
+        return np.isfinite(self._measured())
+
+    def rows(self) -> Rows:
+        """What was measured here."""
+        present, stages, signals = self._present(), len(self.stages), self.signals
+        measured = self._measured()
+        table = measured.reshape(len(signals), stages)
+        scale = np.sqrt(np.nanmean(table**2, axis=1)) if np.isfinite(table).any() else np.ones(len(signals))
+        angle = np.array([stage.shaft_angle_rad for stage in self.stages])
+        phase = np.array([stage.direction for stage in self.stages])
+        label = np.repeat(np.arange(len(signals)), stages)
+        return Rows(
+            measured=measured[present],
+            noise=np.repeat([self.noise[signal] for signal in signals], stages)[present],
+            scale=np.nan_to_num(np.repeat(scale, stages)[present], nan=1.0),
+            jolt=np.zeros(int(present.sum())),
+            progress=np.tile(angle / STAGE_APART_RAD, len(signals))[present],
+            t_s=np.tile(angle, len(signals))[present],
+            phase=np.tile(phase, len(signals))[present],
+            label=label[present],
+            condition=np.zeros(int(present.sum()), dtype=np.intp),
+            labels=tuple(Label("static", f"{1e3 * self.height_m:g} mm", signal) for signal in signals),
+        )
+
+
+def stage_tables(
+    stages: Sequence[StaticStage], noise_std: Mapping[str, float | None], moves: StageMoves
+) -> tuple[StageTable, ...]:
+    """One table per height, in the order in which the stages were recorded."""
+    heights: dict[float, list[StaticStage]] = {}
+    for stage in stages:
+        heights.setdefault(round(stage.height_m, 4), []).append(stage)
+    return tuple(StageTable(height, tuple(table), moves, _noise(table, noise_std)) for height, table in heights.items())
+
+
+def _noise(stages: Sequence[StaticStage], noise_std: Mapping[str, float | None]) -> dict[str, float]:
+    stated = {name: [s.std[name] for s in stages if name in s.std] for name in FORCES}
+    usual = {"fy_N": 0.1, "fz_N": 0.15, "tx_Nm": 0.006}
+    forces = {name: (noise_std.get(name) or usual[name]) / np.sqrt(MEAN_OF_SAMPLES) for name in FORCES}
+    found = {name: float(np.mean(stated[name])) if stated[name] else float(forces[name]) for name in FORCES}
+    return found | {f"hinge{i}_deg": HINGE_NOISE_DEG for i in range(2, 2 + len(stages[0].hinge_deg))}

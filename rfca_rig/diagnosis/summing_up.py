@@ -1,0 +1,169 @@
+"""The verdicts on forces and shaft put together, with all figures that a reader wants to see beside them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.deciding import Decision
+from rfca_rig.diagnosis.detectable import not_seen
+from rfca_rig.diagnosis.figures import before_and_after, held_out, overlays, valley_errors
+from rfca_rig.diagnosis.locating import located, lone_channel
+from rfca_rig.diagnosis.result import Diagnosis, Gate, NamedEffect, Rival, Value, Verdict
+from rfca_rig.diagnosis.screening import projection_of
+from rfca_rig.diagnosis.search import Found, Hypothesis
+from rfca_rig.model.effect import Effect
+
+if TYPE_CHECKING:
+    from rfca_rig.diagnosis.diagnose import Body, Verdicts
+
+Floats = NDArray[np.float64]
+
+FEWEST_CONDITIONS = 3
+
+
+def summed_up(body: "Body", verdicts: "Verdicts", effects: Sequence[Effect]) -> Diagnosis:
+    """The whole answer."""
+    leg, decision = verdicts.leg, verdicts.leg_decision
+    verdict = _verdict(body, verdicts)
+    named = _effects(verdict, verdicts)
+    cells, places = located(leg.evidence.rows, leg.believed, leg.judge)
+    if verdicts.drive is not None:
+        drive_cells, drive_places = located(verdicts.drive.evidence.rows, verdicts.drive.believed, verdicts.drive.judge)
+        cells, places = (*cells, *drive_cells), (*drive_places, *places)
+    accepted = decision.accepted if verdict == "named" else leg.nothing
+    found_effects = tuple(effect for h in _accepted(verdict, verdicts) for effect in present_effects(h))
+    supposed = accepted.fitted.coordinates.supposed(accepted.judgement.posterior.mean)
+    drive_effects = tuple(e for e in found_effects if e.id not in accepted.ids)
+    after = replace(supposed, rig=replace(supposed.rig, effects=(*supposed.rig.effects, *drive_effects)))
+    return Diagnosis(
+        title=body.title,
+        verdict=verdict,
+        sentence=_sentence(verdict, named, verdicts, body),
+        located=places,
+        cells=cells,
+        effects=named,
+        gates=_gates(verdicts),
+        rivals=_joint_rivals(verdicts),
+        not_seen=_not_seen(verdicts, accepted, effects, body),
+        fit=before_and_after(leg, accepted),
+        held_out=held_out(leg, accepted),
+        valley=valley_errors(body.flaps, leg.believed.coordinates.supposed(leg.believed.x), after, bool(drive_effects)),
+        unexplained=_unexplained(verdict, verdicts),
+        remarks=(*body.remarks, *_remarks(body, leg)),
+        next_experiment=None,
+        believed_values=_values(accepted),
+        overlays=overlays(leg, accepted),
+        settings=_settings(body, leg, effects),
+        found_effects=found_effects,
+        found_rig=after.rig,
+    )
+
+
+def present_effects(hypothesis: Hypothesis) -> tuple:
+    """The effects of a hypothesis with the values found."""
+    coordinates, mean = hypothesis.fitted.coordinates, hypothesis.judgement.posterior.mean
+    return tuple(choice.present(mean[coordinates.part(number)]) for number, choice in enumerate(coordinates.choices))
+
+
+def _decisions(verdicts: "Verdicts") -> tuple[Decision, ...]:
+    return (verdicts.leg_decision,) if verdicts.drive_decision is None else (verdicts.leg_decision, verdicts.drive_decision)
+
+
+def _accepted(verdict: Verdict, verdicts: "Verdicts") -> tuple[Hypothesis, ...]:
+    return tuple(d.accepted for d in _decisions(verdicts) if d.verdict == "named") if verdict == "named" else ()
+
+
+def _verdict(body: "Body", verdicts: "Verdicts") -> Verdict:
+    """A name in either is a name, if nothing that has none is left in the other."""
+    each = [decision.verdict for decision in _decisions(verdicts)]
+    if all(verdict == "nothing missing" for verdict in each):
+        return "nothing missing" if _enough(body) else "not enough data"
+    if not _enough(body):
+        return "not enough data"
+    return "unexplained" if "unexplained" in each else "named"
+
+
+def _enough(body: "Body") -> bool:
+    return len(body.flaps) >= FEWEST_CONDITIONS
+
+
+def _effects(verdict: Verdict, verdicts: "Verdicts") -> tuple[NamedEffect, ...]:
+    return tuple(effect for d in _decisions(verdicts) for effect in d.effects) if verdict == "named" else ()
+
+
+def _sentence(verdict: Verdict, named: Sequence[NamedEffect], verdicts: "Verdicts", body: "Body") -> str:
+    if verdict == "named":
+        what = " and ".join(f"{effect.left_out} ({effect.id})" for effect in named)
+        others = sorted({other for effect in named for other in effect.cannot_tell_from})
+        tail = f"; these data cannot tell it from {', '.join(others)}" if others else ""
+        return f"The model lacks: {what}, with probability {min(effect.probability for effect in named):.2f}{tail}."
+    if verdict == "nothing missing":
+        nothing = min(decision.probability_nothing for decision in _decisions(verdicts))
+        return f"Nothing is missing that these recordings would show, with probability {min(nothing, 0.99):.2f}."
+    if verdict == "not enough data":
+        return f"Not enough data for a verdict: {len(body.flaps)} usable conditions, {FEWEST_CONDITIONS} are needed."
+    suspects = [d.suspected for d in _decisions(verdicts) if d.suspected is not None]
+    like = f" It behaves partly like {' with '.join(suspects[0].ids)}, which is not claimed." if suspects else ""
+    return f"Something is missing that no entry of the catalogue explains.{like}"
+
+
+def _gates(verdicts: "Verdicts") -> tuple[Gate, ...]:
+    return tuple(gate for decision in _decisions(verdicts) for gate in decision.gates)
+
+
+def _joint_rivals(verdicts: "Verdicts") -> tuple[Rival, ...]:
+    """Those of the forces; where the shaft has its own, both together, as if independent."""
+    if verdicts.drive_decision is None:
+        return verdicts.leg_decision.rivals[:12]
+    pairs = [(a, b) for a in verdicts.leg_decision.rivals[:6] for b in verdicts.drive_decision.rivals]
+    joint = [
+        Rival((*a.ids, *b.ids), a.probability * b.probability, a.log_evidence + b.log_evidence, max(a.model_error, b.model_error))
+        for a, b in pairs
+    ]
+    return tuple(sorted(joint, key=lambda rival: -rival.probability)[:12])
+
+
+def _not_seen(verdicts: "Verdicts", accepted: Hypothesis, effects: Sequence[Effect], body: "Body") -> tuple:
+    leg = verdicts.leg
+    measured = leg.evidence.rows.measured
+    projection = projection_of(accepted.fitted, measured, accepted.judgement.whitening)
+    others = [effect for effect in effects if effect.id not in accepted.ids]
+    return not_seen(others, leg.trials, projection, body.rig)
+
+
+def _unexplained(verdict: Verdict, verdicts: "Verdicts") -> tuple[str, ...]:
+    if verdict in ("named", "nothing missing"):
+        return ()
+    suspects = [d.suspected for d in _decisions(verdicts) if d.suspected is not None]
+    failed = [f"{gate.name}: {gate.found}" for d in _decisions(verdicts) for gate in d.gates if not gate.passed]
+    return (*(f"closest is {' with '.join(s.ids)}, not claimed" for s in suspects), *failed)
+
+
+def _remarks(body: "Body", leg: Found) -> tuple[str, ...]:
+    alone = lone_channel(leg.evidence.rows, leg.nothing.fitted, leg.judge)
+    channel = (f"only {alone} parts: without it nothing is missing, which speaks for the sensor",) if alone else ()
+    shaft = () if body.as_commanded else ("the shaft did not turn as commanded; the forces are compared along its recorded turn",)
+    return (*channel, *shaft)
+
+
+def _values(hypothesis: Hypothesis) -> Mapping[str, Value]:
+    space, posterior = hypothesis.fitted.coordinates.space, hypothesis.judgement.posterior
+    x = posterior.mean[: len(space.std)]
+    std = space.std_in_units(x, np.sqrt(np.diag(posterior.covariance))[: len(space.std)])
+    return {name: Value(float(v), float(s)) for name, v, s in zip(space.names, space.values(x), std, strict=True)}
+
+
+def _settings(body: "Body", leg: Found, effects: Sequence[Effect]) -> Mapping[str, object]:
+    return {
+        "model_error_assumed": "half-normal, 1 % of the signal",
+        "model_error_found": float(leg.nothing.judgement.error),
+        "scatter_between_strokes": dict(leg.scatter.std),
+        "conditions": len(body.flaps),
+        "rows": len(leg.evidence.rows.measured),
+        "effects_tried": [effect.id for effect in effects],
+        "prior": {"nothing missing": 0.5, "unknown": 0.1, "one effect": 0.3, "two effects": 0.1},
+        "shaft": "as commanded" if body.as_commanded else "as recorded",
+    }
