@@ -37,10 +37,22 @@ def is_warm() -> bool:
 
 
 def compiled(function: Function) -> Function:
-    """`function` as machine code; releases the interpreter lock, so threads run it side by side."""
+    """`function` as machine code; releases the interpreter lock, so threads run it side by side.
+
+    It must not make arrays. In return nothing counts who holds the arrays that it hands on, which would take as long as the work.
+    """
+    return _compiled(function, {"_nrt": False, "forceinline": True})
+
+
+def compiled_allocating(function: Function) -> Function:
+    """The same for functions that make arrays, and so have to count who holds them."""
+    return _compiled(function, {})
+
+
+def _compiled(function: Function, options: dict[str, bool]) -> Function:
     others = _settings.CACHE_DIR
     _settings.CACHE_DIR = CACHE_FOLDER
     try:
-        return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+        return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function))
     finally:
         _settings.CACHE_DIR = others

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rfca_rig.model.compiled import compiled
-from rfca_rig.model.state import Floats, Shaft
+from rfca_rig.model.state import Floats, Shaft, Work
 
 
 @compiled
@@ -19,18 +19,16 @@ def shaft_at(shaft: Shaft, t: float) -> tuple[float, float, float]:
 
 
 @compiled
-def close_shaft_row(shaft: Shaft, t: float, q: Floats, w: Floats, a: Floats, g: float, R: Floats, J: Floats) -> None:
-    """Row 0, eq. (16): a known acceleration takes the place of the unknown one, or a torque drives the rotor."""
+def drive_rotor(shaft: Shaft, t: float, q: Floats, w: Floats, a: Floats, g: float, derive: bool, work: Work) -> None:
+    """Row 0, eq. (16), of a shaft that is free: a torque drives the rotor. A prescribed one has no row, its acceleration is known."""
     if not shaft.free:
-        R[0] = 0.0
-        J[0, :] = 0.0
-        J[0, 0] = 1.0
         return
     angle, speed = shaft.angle, shaft.speed
     if shaft.breaks.size > 0:
         angle, speed, _ = shaft_at(shaft, t)
-    R[0] += shaft.rotor * a[0] - shaft.feed - shaft.k_angle * (angle - q[0]) - shaft.k_speed * (speed - w[0])
-    J[0, 0] += shaft.rotor + g * shaft.k_speed + g * g * shaft.k_angle
+    work.R[0] += shaft.rotor * a[0] - shaft.feed - shaft.k_angle * (angle - q[0]) - shaft.k_speed * (speed - w[0])
+    if derive:
+        work.J[0, 0] += shaft.rotor + g * shaft.k_speed + g * g * shaft.k_angle
 
 
 @compiled

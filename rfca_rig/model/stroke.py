@@ -7,10 +7,11 @@ from numpy.typing import NDArray
 
 from rfca_rig.model.chain import Tolerance, advance, room_for
 from rfca_rig.model.forces import measure
-from rfca_rig.model.integrator import FIRST_STEP_S, room_to_work
+from rfca_rig.model.integrator import FIRST_STEP_S
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.setup import Felt, set_up
+from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Chain, Laws, Samples, State
 
 Floats = NDArray[np.float64]
