@@ -23,8 +23,8 @@ LONGEST_STEP_S = 5e-3
 class Tolerance:
     """Allowed error per step. The default gives force valleys to 1e-4 of those of a run a thousand times tighter."""
 
-    angle_rad: float = 1e-4
-    speed_rad_s: float = 0.3
+    angle_rad: float = 1e-5
+    speed_rad_s: float = 3e-2
 
 
 @dataclass(frozen=True)

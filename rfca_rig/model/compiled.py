@@ -22,7 +22,7 @@ def cache_folder() -> str:
     content = hashlib.sha256()
     for source in sorted(Path(__file__).parent.glob("*.py")):
         text = source.read_bytes()
-        if b"@compiled" in text or source.name == "state.py":
+        if b"@compiled" in text or b"@inlined" in text or source.name == "state.py":
             content.update(text)
     parent = os.environ.get("NUMBA_CACHE_DIR") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rfca-rig"
     return str(Path(parent) / f"compiled-{content.hexdigest()[:16]}")
@@ -41,6 +41,11 @@ def compiled(function: Function) -> Function:
 
     It must not make arrays. In return nothing counts who holds the arrays that it hands on, which would take as long as the work.
     """
+    return _compiled(function, {"_nrt": False})
+
+
+def inlined(function: Function) -> Function:
+    """The same, put into its callers: handing a tuple of many arrays to a small function takes longer than the function."""
     return _compiled(function, {"_nrt": False, "forceinline": True})
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rfca_rig.model.call import call_law
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import inlined
 from rfca_rig.model.laws import NORMAL, SLIP
 from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
 
@@ -11,7 +11,7 @@ Normal = tuple[float, float, float]
 Tangential = tuple[float, float, float, float]
 
 
-@compiled
+@inlined
 def normal_force(stiffness: float, damping: float, depth: float, rate: float) -> tuple[float, float, float]:
     """Hertz with damping while approaching, eq. (17): (N, dN/d depth, dN/d rate)."""
     root = np.sqrt(depth)
@@ -22,7 +22,7 @@ def normal_force(stiffness: float, damping: float, depth: float, rate: float) ->
     return N * grow, N_depth * grow, N * damping
 
 
-@compiled
+@inlined
 def added_normal_force(laws: Laws, depth: float, rate: float, work: Work) -> tuple[float, float, float]:
     """What effects add to it."""
     x, out = work.x, work.out
@@ -35,7 +35,7 @@ def added_normal_force(laws: Laws, depth: float, rate: float, work: Work) -> tup
     return N, N_depth, N_rate
 
 
-@compiled
+@inlined
 def friction_factor(laws: Laws, slip: float, work: Work) -> tuple[float, float]:
     """By what effects multiply the friction coefficient at a sliding speed, and its derivative."""
     x, out = work.x, work.out
@@ -48,7 +48,7 @@ def friction_factor(laws: Laws, slip: float, work: Work) -> tuple[float, float]:
     return factor, factor_v
 
 
-@compiled
+@inlined
 def tangential_force(
     presliding: float, drag: float, mu: float, mu_v: float, stretch: float, slip: float, normal: float
 ) -> tuple[float, float, float, float]:
@@ -67,7 +67,7 @@ def tangential_force(
     return mu * pressed * share - drag * slip, -mu * pressed / presliding, mu_v * pressed * share - drag, sign * mu * share
 
 
-@compiled
+@inlined
 def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) -> None:
     """Of every link end its depth in the floor, the depth's rate, the stretch from its anchor, and its slip, into `work.place`."""
     place, links = work.place, chain.length.size
@@ -85,7 +85,7 @@ def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) ->
         place[k, 2], place[k, 3] = y - chain.radius * q[k] - state.anchor[k], slide - chain.radius * w[k]
 
 
-@compiled
+@inlined
 def add_contacts(chain: Chain, w: Floats, weights: Weights | None, work: Work) -> None:
     """Ground forces at the located ends, also into `work.contact` (2, n) = N, F; for a chain without effects in its ground."""
     place, contact = work.place, work.contact
@@ -99,7 +99,7 @@ def add_contacts(chain: Chain, w: Floats, weights: Weights | None, work: Work) -
             add_contact(chain, k, normal, tangential, w, weights, work)
 
 
-@compiled
+@inlined
 def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weights | None, work: Work) -> None:
     """The same with laws of effects, and with a frame that yields. Kept apart, as the branches would slow the plain chain."""
     place, contact = work.place, work.contact
@@ -119,7 +119,7 @@ def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weig
                 add_frame_contact(chain, k, normal, tangential, w, weights, work)
 
 
-@compiled
+@inlined
 def add_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w: Floats, weights: Weights | None, work: Work) -> None:
     """The contact at the end of link k, with its forces and their derivatives. Work of F: F (dY_k - r dq_k)."""
     N, N_delta, N_rate = normal
@@ -139,7 +139,7 @@ def add_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w:
             J[i, j] += dN * down[i] - dF * (along[i] - (r if i == k else 0.0))
 
 
-@compiled
+@inlined
 def add_frame_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w: Floats, weights: Weights | None, work: Work) -> None:
     """What the contact at the end of link k does to a frame that sinks: that moves every end down with it."""
     R, J, b, cos, sin = work.R, work.J, w.size - 1, chain.floor_cos, chain.floor_sin
@@ -161,9 +161,9 @@ def add_frame_contact(chain: Chain, k: int, normal: Normal, tangential: Tangenti
         J[b, j] += dN_j * cos - dF_j * sin
 
 
-@compiled
+@inlined
 def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
-    """After a step, the ends located in `work`: anchors of slipping ends follow, those of ends in the air wait right below them."""
+    """At rest or where nothing turned back, the ends located in `work`: anchors follow slipping ends, and wait below those in the air."""
     y = q[chain.length.size] * chain.floor_sin if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]

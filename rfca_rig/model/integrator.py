@@ -8,8 +8,9 @@ an explicit first stage, BIT 44 (2004).
 
 import numpy as np
 
-from rfca_rig.model.compiled import compiled
-from rfca_rig.model.contact import drag_anchors, locate_ends
+from rfca_rig.model.anchors import length_to_turn, note_ends, tie_anchors
+from rfca_rig.model.compiled import compiled, inlined
+from rfca_rig.model.contact import locate_ends
 from rfca_rig.model.forces import begin, call_hinge
 from rfca_rig.model.samples import fill_samples
 from rfca_rig.model.shaft import shaft_at
@@ -27,16 +28,17 @@ TABLEAU = np.array(
     ]
 )
 NODES = np.array([0.0, 2.0 * G, 1.0, 1.0])
-NEWTON_SHARE = 1e-2  # of the speed tolerance: what the last update leaves is far below it
+NEWTON_SHARE = 2e-3  # of the speed tolerance: forces between the ends of a step hang on the speeds there
 PER_METRE = 100.0  # a frame's micrometre counts as much as a link's 0.1 mrad does at 10 mm
 SHORTEST_STEP_S = 1e-10
 FIRST_STEP_S = 1e-4
+GAIN_BY_TURN = 0.98  # a step is not repeated for less
 JUST_AFTER_S = 1e-12  # a shaft that jumps is asked for its motion after the jump
 
 DONE, STEP_TOO_SHORT = 0, 1
 
 
-@compiled
+@inlined
 def start(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: float, work: Work) -> bool:
     """Accelerations that go with the angles and speeds of `state`, where the last step's do not hold any more."""
     for i in range(state.q.size):
@@ -47,10 +49,12 @@ def start(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: float,
         state.a[i] = work.a[i]
     if not shaft.free:
         _, state.w[0], state.a[0] = shaft_at(shaft, t + JUST_AFTER_S)
+    locate_ends(chain, state, state.q, state.w, work)
+    note_ends(chain, state, state.q, work)
     return True
 
 
-@compiled
+@inlined
 def predict(state: State, stage: int, h: float, work: Work) -> None:
     """First guess of a stage's acceleration: along the last step's jerk, then along the stages there are."""
     a = work.stage_a
@@ -63,7 +67,7 @@ def predict(state: State, stage: int, h: float, work: Work) -> None:
             work.a[i] = a[2, i]
 
 
-@compiled
+@inlined
 def prepare(state: State, stage: int, h: float, work: Work) -> None:
     """Where a stage begins: what the stages before it add up to."""
     for i in range(state.q.size):
@@ -74,14 +78,14 @@ def prepare(state: State, stage: int, h: float, work: Work) -> None:
         work.base_q[i], work.base_w[i] = q, w
 
 
-@compiled
+@inlined
 def note_stage(stage: int, q: Floats, w: Floats, a: Floats, work: Work) -> None:
     """Keeps what a stage has found."""
     for i in range(q.size):
         work.stage_q[stage, i], work.stage_w[stage, i], work.stage_a[stage, i] = q[i], w[i], a[i]
 
 
-@compiled
+@inlined
 def try_step(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: float, t_new: float, tolerance: Floats, work: Work) -> float:
     """A whole step into the stages of `work`. Returns its error in units of the tolerance, or infinity where a stage did not converge."""
     h = t_new - t
@@ -114,9 +118,9 @@ def remember(chain: Chain, laws: Laws | None, state: State, h: float, work: Work
                     call_hinge(chain, laws, laws.advance[m], m, i, state, h, work.q, work.w, work)
 
 
-@compiled
-def accept(chain: Chain, laws: Laws | None, state: State, t: float, t_new: float, first: int, work: Work, out: Samples) -> int:
-    """Takes over the step in `work`: samples, anchors, memory, state. Returns the next sample's index."""
+@inlined
+def accept(chain: Chain, laws: Laws | None, state: State, t: float, t_new: float, first: int, work: Work, out: Samples) -> tuple[int, bool]:
+    """Takes over the step in `work`: samples, anchors, memory, state. Returns the next sample's index, and whether forces jumped."""
     first = fill_samples(chain, laws, state, t, t_new, first, work, out)
     h, q, w, a, old_w, old_a = t_new - t, work.q, work.w, work.a, state.w, state.a
     for i in range(q.size):
@@ -124,11 +128,11 @@ def accept(chain: Chain, laws: Laws | None, state: State, t: float, t_new: float
         work.jerk[i] = (6.0 * (old_w[i] - w[i]) / h + 2.0 * old_a[i] + 4.0 * a[i]) / h
     begin(chain, q, work)
     locate_ends(chain, state, q, w, work)
-    drag_anchors(chain, state, q, work)
+    jumped = tie_anchors(chain, state, h, q, work)
     remember(chain, laws, state, h, work)
     for i in range(q.size):
         state.q[i], state.w[i], state.a[i] = q[i], w[i], a[i]
-    return first
+    return first, jumped
 
 
 @compiled
@@ -160,7 +164,6 @@ def integrate(
             jumped = True
         if jumped and not start(chain, laws, shaft, state, t, work):
             return STEP_TOO_SHORT, h, accepted, rejected
-        jumped = False
         stop = min(t_end, shaft.landings[landing]) if landing < shaft.landings.size else t_end
         h = min(h, longest)
         t_new = stop if stop - t <= 1.0000001 * h else t + min(h, 0.5 * (stop - t))
@@ -171,7 +174,12 @@ def integrate(
             if h < SHORTEST_STEP_S:
                 return STEP_TOO_SHORT, h, accepted, rejected
             continue
-        sample = accept(chain, laws, state, t, t_new, sample, work, out)
+        shorter = length_to_turn(chain, t_new - t, work)
+        if shorter < GAIN_BY_TURN * (t_new - t):
+            rejected += 1
+            h = shorter
+            continue
+        sample, jumped = accept(chain, laws, state, t, t_new, sample, work, out)
         accepted += 1
         longer = (t_new - t) * min(3.0, 0.9 / np.cbrt(error))
         h = max(h, longer) if t_new - t < h else longer  # a step cut short by a landing says nothing against h

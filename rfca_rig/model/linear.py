@@ -1,10 +1,10 @@
 """A small dense linear system, solved without leaving compiled code: factored once, substituted as often as it serves."""
 
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import compiled, inlined
 from rfca_rig.model.state import Floats, Integers
 
 
-@compiled
+@inlined
 def factor(J: Floats, pivot: Integers, first: int) -> bool:
     """J, from row and column `first` on, becomes its triangular factors with row exchange; False where singular or not finite."""
     n = pivot.size
@@ -29,7 +29,7 @@ def factor(J: Floats, pivot: Integers, first: int) -> bool:
     return True
 
 
-@compiled
+@inlined
 def substitute(J: Floats, pivot: Integers, first: int, x: Floats) -> None:
     """Solves for x in place with the factors in J; what stands before `first` is left alone."""
     n = pivot.size

@@ -1,11 +1,11 @@
 """What happens between the two ends of a step: angles and speeds by cubic Hermite, forces by the laws themselves. Symbols as in `state`."""
 
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import compiled, inlined
 from rfca_rig.model.forces import measure
 from rfca_rig.model.state import Chain, Laws, Samples, State, Work
 
 
-@compiled
+@inlined
 def interpolate(state: State, end: int, h: float, x: float, work: Work) -> None:
     """q, w, a at the share x of a step of length h from `state` to stage `end` into `work`: order 4 for q and w, 3 for a."""
     q1, w1, a1 = work.stage_q[end], work.stage_w[end], work.stage_a[end]

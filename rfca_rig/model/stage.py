@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rfca_rig.model.compiled import compiled, compiled_allocating
+from rfca_rig.model.compiled import compiled, compiled_allocating, inlined
 from rfca_rig.model.forces import assemble
 from rfca_rig.model.linear import factor, substitute
 from rfca_rig.model.shaft import drive_rotor, place
@@ -10,7 +10,7 @@ from rfca_rig.model.state import Chain, Laws, Shaft, State, Work
 
 NEWTON_LIMIT = 10  # a stage that needs more iterations is cheaper to repeat at half the length
 GOOD_CONTRACTION = 0.1  # an iteration that gains less than a digit gets a new derivative
-SAME_SLOPE = 0.3  # of an effect in a hinge: beyond, the derivative is another one
+SAME_SLOPE = 0.3  # of the hinge's spring: where an effect changes by more, the derivative is another one
 ABSURD_RAD_S2 = 1e15
 
 
@@ -43,6 +43,7 @@ def room_to_work(coordinates: int, links: int) -> Work:
         contact=np.zeros((2, links)),
         force=np.zeros(3),
         place=np.zeros((links, 4)),
+        ends=np.zeros((links, 4)),
         regime=regimes[0],
         regime_of_J=regimes[1],
         outside=np.zeros(2),
@@ -66,7 +67,7 @@ def solve_stage(
         place(shaft, t, work.base_q, work.base_w, g, q, w, a)
         if reuse:
             assemble(chain, laws, state, elapsed, q, w, a, None, work)
-            reuse = in_the_regime_of_J(work)
+            reuse = in_the_regime_of_J(chain, work)
         if not reuse:
             assemble(chain, laws, state, elapsed, q, w, a, (1.0, g, g * g), work)
             drive_rotor(shaft, t, q, w, a, g, True, work)
@@ -90,17 +91,17 @@ def solve_stage(
     return False
 
 
-@compiled
-def in_the_regime_of_J(work: Work) -> bool:
+@inlined
+def in_the_regime_of_J(chain: Chain, work: Work) -> bool:
     """Whether all laws are on the branches on which they were when J was made."""
     now, then = work.regime, work.regime_of_J
     for k in range(now.shape[1]):
-        if now[0, k] != then[0, k] or abs(now[1, k] - then[1, k]) > SAME_SLOPE * max(abs(now[1, k]), abs(then[1, k])):
+        if now[0, k] != then[0, k] or abs(now[1, k] - then[1, k]) > SAME_SLOPE * chain.k0[k]:
             return False
     return True
 
 
-@compiled
+@inlined
 def note_regime(work: Work) -> None:
     """J has just been made."""
     for i in range(work.regime.shape[0]):

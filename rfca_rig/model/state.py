@@ -116,7 +116,8 @@ class Work(NamedTuple):
     on which branch the law of each contact is, and the slope of the effects in each hinge, `regime_of_J` those at which J was
     made; `outside` (2,) the force of the surroundings on the leg along y and down; `x` and `out` (8,) go to and from the laws of
     effects. `q`, `w`, `a` are those of the stage in work, `stage_w` and `stage_a` (4, coordinates) those of the step's stages;
-    `jerk` is what the last step says of the acceleration's change.
+    `jerk` is what the last step says of the acceleration's change, and `ends` (n, 4) are depth, sinking, stretch and slip of the
+    ends where the step begins.
     """
 
     R: Floats
@@ -142,6 +143,7 @@ class Work(NamedTuple):
     contact: Floats
     force: Floats
     place: Floats
+    ends: Floats
     regime: Floats
     regime_of_J: Floats
     outside: Floats
