@@ -17,7 +17,7 @@ WITHIN_REACH = 1.0 - 1e-9
 @inlined
 def went_back(chain: Chain, h: float, k: int, work: Work) -> float:
     """How far end k, slipping where the step began, has come back from its farthest point where the step ends [m], else 0."""
-    v0, v1 = work.ends[k, 3], work.place[k, 3]
+    v0, v1 = float(work.ends[k, 3]), float(work.place[k, 3])
     if work.ends[k, 0] <= 0.0 or work.place[k, 0] <= 0.0 or v0 * v1 >= 0.0 or work.ends[k, 2] * v0 <= 0.0:
         return 0.0
     if abs(work.ends[k, 2]) < WITHIN_REACH * chain.presliding:

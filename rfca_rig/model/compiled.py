@@ -15,6 +15,7 @@ import numba
 Function = TypeVar("Function", bound=Callable[..., object])
 
 _settings = cast(Any, numba.config)
+_njit = cast(Any, numba.njit)
 
 
 def cache_folder() -> str:
@@ -58,6 +59,6 @@ def _compiled(function: Function, options: dict[str, bool]) -> Function:
     others = _settings.CACHE_DIR
     _settings.CACHE_DIR = CACHE_FOLDER
     try:
-        return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function))
+        return cast(Function, _njit(cache=True, nogil=True, error_model="numpy", **options)(function))
     finally:
         _settings.CACHE_DIR = others

@@ -238,7 +238,9 @@ def add_shaft_row(chain: Chain, q: Floats, w: Floats, a: Floats, work: Work) -> 
     R, sin, cos = work.R, work.sin, work.cos
     for i in range(q.size):
         R[i] = 0.0
-    torque = chain.moment[0, 0] * a[0] - chain.gravity * chain.first_moment[0] * cos[0] + chain.gravity_along * chain.first_moment[0] * sin[0]
+    torque = (
+        chain.moment[0, 0] * a[0] - chain.gravity * chain.first_moment[0] * cos[0] + chain.gravity_along * chain.first_moment[0] * sin[0]
+    )
     for j in range(1, chain.length.size):
         c, s = cos[0] * cos[j] + sin[0] * sin[j], sin[0] * cos[j] - cos[0] * sin[j]
         torque += chain.moment[0, j] * (c * a[j] + s * w[j] * w[j])

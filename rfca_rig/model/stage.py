@@ -94,11 +94,10 @@ def solve_stage(
 @inlined
 def in_the_regime_of_J(chain: Chain, work: Work) -> bool:
     """Whether all laws are on the branches on which they were when J was made."""
-    now, then = work.regime, work.regime_of_J
+    now, then, same = work.regime, work.regime_of_J, True
     for k in range(now.shape[1]):
-        if now[0, k] != then[0, k] or abs(now[1, k] - then[1, k]) > SAME_SLOPE * chain.k0[k]:
-            return False
-    return True
+        same = same and now[0, k] == then[0, k] and abs(now[1, k] - then[1, k]) <= SAME_SLOPE * chain.k0[k]
+    return same
 
 
 @inlined

@@ -52,7 +52,7 @@ def stroke_following(
 ) -> SimulatedStroke:
     """The stroke with the shaft moving as given, from rest at t <= 0.
 
-    `t_s` (m,) ascending sample times; those up to 0 show the leg at rest. Second order in the step, error-controlled;
+    `t_s` (m,) ascending sample times; those up to 0 show the leg at rest. Third order in the step, error-controlled;
     `tolerance` is per step. Raises SimulationFailed where the integrator cannot go on.
     """
     setup = set_up(rig, height_m, motion)

@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 
 from rfca_rig.model.chain import at_rest, chain_of
 from rfca_rig.model.forces import assemble
-from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.stage import room_to_work
 from tests.model.legs import PAPER
 
 ICE = replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.0, drag_N_s_per_m=0.0))

@@ -7,7 +7,6 @@ import pytest
 
 from rfca_rig.model.chain import chain_of
 from rfca_rig.model.forces import assemble
-from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.newton_euler import (
     EndLoads,
     joint_accelerations,
@@ -17,6 +16,7 @@ from rfca_rig.model.newton_euler import (
     no_loads,
     right_side_Nm,
 )
+from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import State
 from tests.model.legs import PAPER, pendulum
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.model.forces import assemble
-from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.setup import set_up
+from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import State
 from tests.model.effects.rigs import having, held
 from tests.model.effects.test_strength import SMALL
