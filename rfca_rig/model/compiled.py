@@ -15,6 +15,7 @@ import numba
 Function = TypeVar("Function", bound=Callable[..., object])
 
 _settings = cast(Any, numba.config)
+_njit = cast(Any, numba.njit)
 
 
 def cache_folder() -> str:
@@ -22,7 +23,7 @@ def cache_folder() -> str:
     content = hashlib.sha256()
     for source in sorted(Path(__file__).parent.glob("*.py")):
         text = source.read_bytes()
-        if b"@compiled" in text or source.name == "state.py":
+        if b"@compiled" in text or b"@inlined" in text or source.name == "state.py":
             content.update(text)
     parent = os.environ.get("NUMBA_CACHE_DIR") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rfca-rig"
     return str(Path(parent) / f"compiled-{content.hexdigest()[:16]}")
@@ -37,10 +38,27 @@ def is_warm() -> bool:
 
 
 def compiled(function: Function) -> Function:
-    """`function` as machine code; releases the interpreter lock, so threads run it side by side."""
+    """`function` as machine code; releases the interpreter lock, so threads run it side by side.
+
+    It must not make arrays. In return nothing counts who holds the arrays that it hands on, which would take as long as the work.
+    """
+    return _compiled(function, {"_nrt": False})
+
+
+def inlined(function: Function) -> Function:
+    """The same, put into its callers: handing a tuple of many arrays to a small function takes longer than the function."""
+    return _compiled(function, {"_nrt": False, "forceinline": True})
+
+
+def compiled_allocating(function: Function) -> Function:
+    """The same for functions that make arrays, and so have to count who holds them."""
+    return _compiled(function, {})
+
+
+def _compiled(function: Function, options: dict[str, bool]) -> Function:
     others = _settings.CACHE_DIR
     _settings.CACHE_DIR = CACHE_FOLDER
     try:
-        return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+        return cast(Function, _njit(cache=True, nogil=True, error_model="numpy", **options)(function))
     finally:
         _settings.CACHE_DIR = others

@@ -3,15 +3,15 @@
 import numpy as np
 
 from rfca_rig.model.call import call_law
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import inlined
 from rfca_rig.model.laws import NORMAL, SLIP
-from rfca_rig.model.state import Chain, Floats, Laws, State, Work
+from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
 
 Normal = tuple[float, float, float]
 Tangential = tuple[float, float, float, float]
 
 
-@compiled
+@inlined
 def normal_force(stiffness: float, damping: float, depth: float, rate: float) -> tuple[float, float, float]:
     """Hertz with damping, eq. (17): (N, dN/d depth, dN/d rate). An end that leaves is pushed less, but never pulled."""
     root, grow = np.sqrt(depth), 1.0 + damping * rate
@@ -21,7 +21,7 @@ def normal_force(stiffness: float, damping: float, depth: float, rate: float) ->
     return N * grow, N_depth * grow, N * damping
 
 
-@compiled
+@inlined
 def added_normal_force(laws: Laws, depth: float, rate: float, work: Work) -> tuple[float, float, float]:
     """What effects add to it."""
     x, out = work.x, work.out
@@ -34,7 +34,7 @@ def added_normal_force(laws: Laws, depth: float, rate: float, work: Work) -> tup
     return N, N_depth, N_rate
 
 
-@compiled
+@inlined
 def friction_factor(laws: Laws, slip: float, work: Work) -> tuple[float, float]:
     """By what effects multiply the friction coefficient at a sliding speed, and its derivative."""
     x, out = work.x, work.out
@@ -47,7 +47,7 @@ def friction_factor(laws: Laws, slip: float, work: Work) -> tuple[float, float]:
     return factor, factor_v
 
 
-@compiled
+@inlined
 def tangential_force(
     presliding: float, drag: float, mu: float, mu_v: float, stretch: float, slip: float, normal: float
 ) -> tuple[float, float, float, float]:
@@ -66,7 +66,7 @@ def tangential_force(
     return mu * pressed * share - drag * slip, -mu * pressed / presliding, mu_v * pressed * share - drag, sign * mu * share
 
 
-@compiled
+@inlined
 def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) -> None:
     """Of every link end its depth in the floor, the depth's rate, the stretch from its anchor, and its slip, into `work.place`."""
     place, links = work.place, chain.length.size
@@ -84,25 +84,26 @@ def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) ->
         place[k, 2], place[k, 3] = y - chain.radius * q[k] - state.anchor[k], slide - chain.radius * w[k]
 
 
-@compiled
-def add_contacts(chain: Chain, w: Floats, cw: float, cq: float, work: Work) -> None:
+@inlined
+def add_contacts(chain: Chain, w: Floats, weights: Weights | None, work: Work) -> None:
     """Ground forces at the located ends, also into `work.contact` (2, n) = N, F; for a chain without effects in its ground."""
     place, contact = work.place, work.contact
     for k in range(place.shape[0]):
-        contact[0, k] = contact[1, k] = 0.0
+        contact[0, k] = contact[1, k] = work.regime[0, k] = 0.0
         if place[k, 0] > 0.0:
             normal = normal_force(chain.contact_stiffness, chain.contact_damping, place[k, 0], place[k, 1])
             tangential = tangential_force(chain.presliding, chain.drag, chain.mu, 0.0, place[k, 2], place[k, 3], normal[0])
             contact[0, k], contact[1, k] = normal[0], tangential[0]
-            add_contact(chain, k, normal, tangential, w, cw, cq, work)
+            work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
+            add_contact(chain, k, normal, tangential, w, weights, work)
 
 
-@compiled
-def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, cw: float, cq: float, work: Work) -> None:
+@inlined
+def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weights | None, work: Work) -> None:
     """The same with laws of effects, and with a frame that yields. Kept apart, as the branches would slow the plain chain."""
     place, contact = work.place, work.contact
     for k in range(place.shape[0]):
-        contact[0, k] = contact[1, k] = 0.0
+        contact[0, k] = contact[1, k] = work.regime[0, k] = 0.0
         if place[k, 0] > 0.0:
             plain = normal_force(chain.contact_stiffness, chain.contact_damping, place[k, 0], place[k, 1])
             more = added_normal_force(laws, place[k, 0], place[k, 1], work)
@@ -111,34 +112,42 @@ def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, cw: float, cq
             mu, mu_v = chain.mu * factor, chain.mu * factor_v
             tangential = tangential_force(chain.presliding, chain.drag, mu, mu_v, place[k, 2], place[k, 3], normal[0])
             contact[0, k], contact[1, k] = normal[0], tangential[0]
-            add_contact(chain, k, normal, tangential, w, cw, cq, work)
+            work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
+            add_contact(chain, k, normal, tangential, w, weights, work)
             if w.size > place.shape[0]:
-                add_frame_contact(chain, k, normal, tangential, w, cw, cq, work)
+                add_frame_contact(chain, k, normal, tangential, w, weights, work)
 
 
-@compiled
-def add_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w: Floats, cw: float, cq: float, work: Work) -> None:
+@inlined
+def add_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w: Floats, weights: Weights | None, work: Work) -> None:
     """The contact at the end of link k, with its forces and their derivatives. Work of F: F (dY_k - r dq_k)."""
     N, N_delta, N_rate = normal
     F, F_s, F_v, F_N = tangential
     R, J, down, along, r = work.R, work.J, work.down, work.along, chain.radius
     for j in range(k + 1):
+        R[j] += N * down[j] - F * (along[j] - (r if j == k else 0.0))
+    if weights is None:
+        return
+    _, cw, cq = weights
+    for j in range(k + 1):
         along_j = along[j] - (r if j == k else 0.0)
         dN = cq * (N_delta * down[j] + N_rate * along[j] * w[j]) + cw * N_rate * down[j]
         dF = cq * (F_s * along_j - F_v * down[j] * w[j]) + cw * F_v * along_j + F_N * dN
-        R[j] += N * down[j] - F * along_j
         J[j, j] += cq * (N * along[j] + F * down[j])
         for i in range(k + 1):
             J[i, j] += dN * down[i] - dF * (along[i] - (r if i == k else 0.0))
 
 
-@compiled
-def add_frame_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w: Floats, cw: float, cq: float, work: Work) -> None:
+@inlined
+def add_frame_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w: Floats, weights: Weights | None, work: Work) -> None:
     """What the contact at the end of link k does to a frame that sinks: that moves every end down with it."""
     R, J, b, cos, sin = work.R, work.J, w.size - 1, chain.floor_cos, chain.floor_sin
     N, N_delta, N_rate = normal
     F, F_s, F_v, F_N = tangential
     R[b] += N * cos - F * sin
+    if weights is None:
+        return
+    _, cw, cq = weights
     dN = (cq * N_delta + cw * N_rate) * cos
     dF = (cq * F_s + cw * F_v) * sin + F_N * dN
     J[b, b] += dN * cos - dF * sin
@@ -151,12 +160,12 @@ def add_frame_contact(chain: Chain, k: int, normal: Normal, tangential: Tangenti
         J[b, j] += dN_j * cos - dF_j * sin
 
 
-@compiled
+@inlined
 def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
-    """After a step, `work` assembled at its end: anchors of slipping ends follow, those of ends in the air wait right below them."""
+    """At rest or where nothing turned back, the ends located in `work`: anchors follow slipping ends, and wait below those in the air."""
     y = q[chain.length.size] * chain.floor_sin if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
         s = y - chain.radius * q[k]
-        reach = chain.presliding if work.contact[0, k] != 0.0 else 0.0
+        reach = chain.presliding if work.place[k, 0] > 0.0 else 0.0
         state.anchor[k] = min(max(state.anchor[k], s - reach), s + reach)

@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import compiled_allocating
 from rfca_rig.model.contact import drag_anchors
 from rfca_rig.model.forces import assemble
-from rfca_rig.model.integrator import remember, room_to_work
+from rfca_rig.model.integrator import remember
 from rfca_rig.model.linear import solve
+from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Chain, Laws, Shaft, State
 
 NEWTON_LIMIT = 200
@@ -14,7 +15,7 @@ LONG_S = 1e9  # at rest everything has relaxed
 LONGEST_TURN_RAD = 0.1  # per iteration, so that a leg far from rest does not jump through the ground
 
 
-@compiled
+@compiled_allocating
 def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, tolerance: float) -> bool:
     """Turns state.q into the equilibrium with the shaft held at q[0], or free on its spring, by damped Newton; True when found.
 
@@ -23,7 +24,7 @@ def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, toleranc
     q = state.q
     work, zero = room_to_work(q.size, state.anchor.size), np.zeros(q.size)
     for _ in range(NEWTON_LIMIT):
-        assemble(chain, laws, state, LONG_S, q, zero, zero, 0.0, 0.0, 1.0, work)
+        assemble(chain, laws, state, LONG_S, q, zero, zero, (0.0, 0.0, 1.0), work)
         if shaft.free:
             work.R[0] -= shaft.feed + shaft.k_angle * (shaft.angle - q[0])
             work.J[0, 0] += shaft.k_angle
@@ -31,7 +32,7 @@ def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, toleranc
             work.R[0] = 0.0
             work.J[0, :] = 0.0
             work.J[0, 0] = 1.0
-        if not solve(work.J, work.R):
+        if not solve(work.J, work.pivot, work.R):
             return False
         change = np.max(np.abs(work.R))
         q -= work.R * min(1.0, LONGEST_TURN_RAD / max(change, 1e-300))
@@ -40,12 +41,12 @@ def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, toleranc
     return False
 
 
-@compiled
+@compiled_allocating
 def settle_memory(chain: Chain, laws: Laws | None, state: State) -> None:
     """Lets the laws remember the rest pose, and ties the ends to the ground right below them."""
     work = room_to_work(state.q.size, state.anchor.size)
-    assemble(chain, laws, state, LONG_S, state.q, state.w, state.a, 0.0, 0.0, 0.0, work)
+    assemble(chain, laws, state, LONG_S, state.q, state.w, state.a, None, work)
     work.q[:] = state.q
     remember(chain, laws, state, LONG_S, work)
-    work.contact[:] = 0.0
+    work.place[:] = 0.0
     drag_anchors(chain, state, state.q, work)

@@ -3,88 +3,143 @@
 import numpy as np
 
 from rfca_rig.model.call import call_law
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import inlined
 from rfca_rig.model.contact import add_contacts, add_contacts_with_effects, locate_ends
 from rfca_rig.model.laws import HINGE, LINK
-from rfca_rig.model.state import Chain, Floats, Laws, State, Work
+from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
+
+TWO_OVER_PI = 2.0 / np.pi
+RIGHT_ANGLE_HIGH, RIGHT_ANGLE_LOW = 1.5707963267341256, 6.077100506506192e-11  # the first has 33 bits: products with it are exact
+S1, S2, S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04
+S4, S5, S6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
+C1, C2, C3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
+C4, C5, C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
 
 
-@compiled
-def add_inertia(chain: Chain, w: Floats, a: Floats, ca: float, cw: float, cq: float, work: Work) -> None:
-    """M a + h: M_ij = c_ij cos(q_i - q_j), h_i = sum_j c_ij sin(q_i - q_j) w_j^2."""
-    R, J, sin, cos, moment = work.R, work.J, work.sin, work.cos, chain.moment
+@inlined
+def sine_and_cosine(angle: float) -> tuple[float, float]:
+    """Both to the last bit but one, for angles up to some thousand turns, in half the time of two calls.
+
+    The nearest multiple of a right angle is taken off in two parts; fdlibm's polynomials do the rest.
+    """
+    quarters = np.floor(angle * TWO_OVER_PI + 0.5)
+    r = (angle - quarters * RIGHT_ANGLE_HIGH) - quarters * RIGHT_ANGLE_LOW
+    z = r * r
+    sin = S4 + z * (S5 + z * S6)
+    sin = r + r * z * (S1 + z * (S2 + z * (S3 + z * sin)))
+    cos = C4 + z * (C5 + z * C6)
+    cos = 1.0 - 0.5 * z + z * z * (C1 + z * (C2 + z * (C3 + z * cos)))
+    turned = np.int64(quarters) & 3
+    if turned == 0:
+        return sin, cos
+    if turned == 1:
+        return cos, -sin
+    if turned == 2:
+        return -sin, -cos
+    return -cos, sin
+
+
+@inlined
+def add_inertia(chain: Chain, w: Floats, a: Floats, weights: Weights | None, work: Work) -> None:
+    """M a + h: M_ij = c_ij cos(q_i - q_j), h_i = sum_j c_ij sin(q_i - q_j) w_j^2. The first to write: R and J need not be empty."""
+    R, J, sin, cos, moment, speed2, by_cos, by_sin = work.R, work.J, work.sin, work.cos, chain.moment, work.speed2, work.by_cos, work.by_sin
+    for i in range(w.size):
+        speed2[i] = w[i] * w[i]
+        R[i] = 0.0
+        if weights is not None:
+            by_cos[i] = weights[0] - weights[2] * speed2[i]
+            by_sin[i] = 2.0 * weights[1] * w[i] + weights[2] * a[i]
     for i in range(moment.shape[0]):
-        R[i] += moment[i, i] * a[i]
-        J[i, i] += ca * moment[i, i]
+        row, turned = moment[i, i] * a[i], 0.0
         for j in range(i):
             c = moment[i, j] * (cos[i] * cos[j] + sin[i] * sin[j])
             s = moment[i, j] * (sin[i] * cos[j] - cos[i] * sin[j])
-            R[i] += c * a[j] + s * w[j] * w[j]
-            R[j] += c * a[i] - s * w[i] * w[i]
-            from_j = cq * (s * a[j] - c * w[j] * w[j])
-            from_i = cq * (s * a[i] + c * w[i] * w[i])
-            J[i, j] += ca * c + cw * 2.0 * s * w[j] + from_j
-            J[j, i] += ca * c - cw * 2.0 * s * w[i] - from_i
-            J[i, i] -= from_j
-            J[j, j] += from_i
+            row += c * a[j] + s * speed2[j]
+            R[j] += c * a[i] - s * speed2[i]
+            if weights is not None:
+                J[i, j] = c * by_cos[j] + s * by_sin[j]
+                J[j, i] = c * by_cos[i] - s * by_sin[i]
+                turned += c * speed2[j] - s * a[j]
+                J[j, j] += weights[2] * (c * speed2[i] + s * a[i])
+        R[i] = row
+        if weights is not None:
+            J[i, i] = weights[0] * moment[i, i] + weights[2] * turned
+    if weights is not None:
+        for i in range(moment.shape[0], w.size):
+            for j in range(w.size):
+                J[i, j] = J[j, i] = 0.0
 
 
-@compiled
-def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, ca: float, cw: float, cq: float, work: Work) -> None:
+@inlined
+def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work) -> None:
     """A frame that sinks by q_b on a spring, b behind the last link, if there is one; q_b = 0 where it carries the leg at rest."""
     R, J, b = work.R, work.J, chain.length.size
     if q.size == b:
         return
     mass = chain.frame_mass + chain.total_mass
     R[b] += mass * a[b] + chain.frame_damping * w[b] + chain.frame_stiffness * q[b]
-    J[b, b] += ca * mass + cw * chain.frame_damping + cq * chain.frame_stiffness
     for i in range(b):
         S, sin, cos = chain.first_moment[i], work.sin[i], work.cos[i]
         R[b] += S * (cos * a[i] - sin * w[i] * w[i])
         R[i] += S * cos * a[b]
+    if weights is None:
+        return
+    ca, cw, cq = weights
+    J[b, b] += ca * mass + cw * chain.frame_damping + cq * chain.frame_stiffness
+    for i in range(b):
+        S, sin, cos = chain.first_moment[i], work.sin[i], work.cos[i]
         J[b, i] += ca * S * cos - cw * 2.0 * S * sin * w[i] - cq * S * (sin * a[i] + cos * w[i] * w[i])
         J[i, b] += ca * S * cos
         J[i, i] -= cq * S * sin * a[b]
 
 
-@compiled
-def add_weight_and_hinges(chain: Chain, q: Floats, w: Floats, cw: float, cq: float, work: Work) -> None:
+@inlined
+def add_weight_and_hinges(chain: Chain, q: Floats, w: Floats, weights: Weights | None, work: Work) -> None:
     """Weight of the links, and in each hinge k0 phi + k0 k2 phi^3 + c dphi/dt."""
     R, J = work.R, work.J
     for i in range(chain.length.size):
         weight, aside = chain.gravity * chain.first_moment[i], chain.gravity_along * chain.first_moment[i]
         R[i] -= weight * work.cos[i] - aside * work.sin[i]
-        J[i, i] += cq * (weight * work.sin[i] + aside * work.cos[i])
+        if weights is not None:
+            J[i, i] += weights[2] * (weight * work.sin[i] + aside * work.cos[i])
     for i in range(1, chain.length.size):
         phi, k0, k2, c = q[i] - q[i - 1], chain.k0[i], chain.k2[i], chain.hinge_damping[i]
         torque = k0 * phi * (1.0 + k2 * phi * phi) + c * (w[i] - w[i - 1])
-        add_hinge_torque(i, torque, cq * k0 * (1.0 + 3.0 * k2 * phi * phi) + cw * c, work)
+        R[i] += torque
+        R[i - 1] -= torque
+        if weights is not None:
+            add_hinge_slope(i, weights[2] * k0 * (1.0 + 3.0 * k2 * phi * phi) + weights[1] * c, J)
 
 
-@compiled
-def add_hinge_torque(i: int, torque: float, slope: float, work: Work) -> None:
-    """A torque that resists q_i - q_(i-1), and its weighted derivative."""
-    R, J = work.R, work.J
-    R[i] += torque
-    R[i - 1] -= torque
+@inlined
+def add_hinge_slope(i: int, slope: float, J: Floats) -> None:
+    """The weighted derivative of a torque that resists q_i - q_(i-1)."""
     J[i, i] += slope
     J[i - 1, i - 1] += slope
     J[i, i - 1] -= slope
     J[i - 1, i] -= slope
 
 
-@compiled
-def add_hinge_laws(chain: Chain, laws: Laws, state: State, elapsed: float, q: Floats, w: Floats, cw: float, cq: float, work: Work) -> None:
+@inlined
+def add_hinge_laws(
+    chain: Chain, laws: Laws, state: State, elapsed: float, q: Floats, w: Floats, weights: Weights | None, work: Work
+) -> None:
     """What effects add in the hinges."""
+    for i in range(chain.length.size):
+        work.regime[1, i] = 0.0
     for m in range(laws.place.size):
         if laws.place[m] == HINGE:
             for i in range(1, chain.length.size):
                 if laws.only[m] in (-1, i):
                     call_hinge(chain, laws, laws.address[m], m, i, state, elapsed, q, w, work)
-                    add_hinge_torque(i, work.out[0], cq * work.out[1] + cw * work.out[2], work)
+                    work.R[i] += work.out[0]
+                    work.R[i - 1] -= work.out[0]
+                    work.regime[1, i] += work.out[1]
+                    if weights is not None:
+                        add_hinge_slope(i, weights[2] * work.out[1] + weights[1] * work.out[2], work.J)
 
 
-@compiled
+@inlined
 def call_hinge(
     chain: Chain, laws: Laws, address: int, m: int, i: int, state: State, elapsed: float, q: Floats, w: Floats, work: Work
 ) -> None:
@@ -94,18 +149,18 @@ def call_hinge(
     call_law(address, work.x, state.memory[m, i], laws.parameter[m], work.out)
 
 
-@compiled
-def add_link_laws(chain: Chain, laws: Laws, state: State, w: Floats, cw: float, work: Work) -> None:
+@inlined
+def add_link_laws(chain: Chain, laws: Laws, state: State, w: Floats, weights: Weights | None, work: Work) -> None:
     """Forces of the surroundings across the links; their dependence on the pose is left to Newton's iteration."""
     for m in range(laws.place.size):
         if laws.place[m] == LINK:
             for i in range(chain.length.size):
                 if laws.only[m] in (-1, i):
-                    add_link_law(chain, laws, m, i, state, w, cw, work)
+                    add_link_law(chain, laws, m, i, state, w, weights, work)
 
 
-@compiled
-def add_link_law(chain: Chain, laws: Laws, m: int, i: int, state: State, w: Floats, cw: float, work: Work) -> None:
+@inlined
+def add_link_law(chain: Chain, laws: Laws, m: int, i: int, state: State, w: Floats, weights: Weights | None, work: Work) -> None:
     """Law m on link i, at its middle."""
     arm, v = work.arm, 0.0
     for j in range(w.size):
@@ -123,26 +178,23 @@ def add_link_law(chain: Chain, laws: Laws, m: int, i: int, state: State, w: Floa
     work.outside[1] += F * work.cos[i]
     for j in range(w.size):
         work.R[j] -= F * arm[j]
-        for k in range(w.size):
-            work.J[j, k] -= cw * F_v * arm[j] * arm[k]
+        if weights is not None:
+            for k in range(w.size):
+                work.J[j, k] -= weights[1] * F_v * arm[j] * arm[k]
 
 
-@compiled
+@inlined
 def begin(chain: Chain, q: Floats, work: Work) -> None:
-    """Trigonometry of the pose, once for all that need it; R and J empty."""
-    R, J, sin, cos, down, along = work.R, work.J, work.sin, work.cos, work.down, work.along
+    """Trigonometry of the pose, once for all that need it."""
+    sin, cos, down, along = work.sin, work.cos, work.down, work.along
     work.outside[0] = work.outside[1] = 0.0
-    for i in range(q.size):
-        sin[i], cos[i] = np.sin(q[i]), np.cos(q[i])
-        R[i] = 0.0
-        for j in range(q.size):
-            J[i, j] = 0.0
     for i in range(chain.length.size):
+        sin[i], cos[i] = sine_and_cosine(q[i])
         down[i] = chain.length[i] * (cos[i] * chain.floor_cos + sin[i] * chain.floor_sin)
         along[i] = chain.length[i] * (cos[i] * chain.floor_sin - sin[i] * chain.floor_cos)
 
 
-@compiled
+@inlined
 def assemble(
     chain: Chain,
     laws: Laws | None,
@@ -151,35 +203,61 @@ def assemble(
     q: Floats,
     w: Floats,
     a: Floats,
-    ca: float,
-    cw: float,
-    cq: float,
+    weights: Weights | None,
     work: Work,
 ) -> None:
-    """Residual and its derivative at (q, w, a) into `work`: R, J, and the forces of the ground in `work.contact`.
+    """Residual at (q, w, a) into `work`: R, and the forces of the ground in `work.contact`; with `weights`, its derivative J too.
 
     `state` gives what is remembered (anchors, memory of laws) from the beginning of the step, `elapsed` ago. `laws` None is the
-    plain chain: the compiler makes a version of its own for it, at twice the speed.
+    plain chain: the compiler makes a version of its own for it, and for `weights` None another.
     """
     begin(chain, q, work)
-    add_inertia(chain, w, a, ca, cw, cq, work)
-    add_weight_and_hinges(chain, q, w, cw, cq, work)
+    add_inertia(chain, w, a, weights, work)
+    add_weight_and_hinges(chain, q, w, weights, work)
+    add_surroundings(chain, laws, state, elapsed, q, w, a, weights, work)
+
+
+@inlined
+def add_surroundings(
+    chain: Chain, laws: Laws | None, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work
+) -> None:
+    """The ground, and what effects add."""
     locate_ends(chain, state, q, w, work)
     if laws is None:
-        add_contacts(chain, w, cw, cq, work)
+        add_contacts(chain, w, weights, work)
     else:
-        add_frame(chain, q, w, a, ca, cw, cq, work)
-        add_contacts_with_effects(chain, laws, w, cw, cq, work)
-        add_hinge_laws(chain, laws, state, elapsed, q, w, cw, cq, work)
-        add_link_laws(chain, laws, state, w, cw, work)
+        add_frame(chain, q, w, a, weights, work)
+        add_contacts_with_effects(chain, laws, w, weights, work)
+        add_hinge_laws(chain, laws, state, elapsed, q, w, weights, work)
+        add_link_laws(chain, laws, state, w, weights, work)
 
 
-@compiled
+@inlined
+def add_shaft_row(chain: Chain, q: Floats, w: Floats, a: Floats, work: Work) -> None:
+    """Row 0 alone of inertia, weight and hinges; the other rows do not matter. The first to write."""
+    R, sin, cos = work.R, work.sin, work.cos
+    for i in range(q.size):
+        R[i] = 0.0
+    torque = (
+        chain.moment[0, 0] * a[0] - chain.gravity * chain.first_moment[0] * cos[0] + chain.gravity_along * chain.first_moment[0] * sin[0]
+    )
+    for j in range(1, chain.length.size):
+        c, s = cos[0] * cos[j] + sin[0] * sin[j], sin[0] * cos[j] - cos[0] * sin[j]
+        torque += chain.moment[0, j] * (c * a[j] + s * w[j] * w[j])
+    if chain.length.size > 1:
+        phi = q[1] - q[0]
+        torque -= chain.k0[1] * phi * (1.0 + chain.k2[1] * phi * phi) + chain.hinge_damping[1] * (w[1] - w[0])
+    R[0] = torque
+
+
+@inlined
 def measure(
     chain: Chain, laws: Laws | None, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, work: Work, force: Floats
 ) -> None:
     """force = (fy, fz, shaft torque): what the leg does to its mount, in the sensor's axes (z down, y against the plane's y)."""
-    assemble(chain, laws, state, elapsed, q, w, a, 0.0, 0.0, 0.0, work)
+    begin(chain, q, work)
+    add_shaft_row(chain, q, w, a, work)
+    add_surroundings(chain, laws, state, elapsed, q, w, a, None, work)
     force[0] = -chain.total_mass * chain.gravity_along - work.outside[0]
     force[1] = chain.total_mass * chain.gravity + work.outside[1]
     force[2] = work.R[0]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import compiled_allocating
 from rfca_rig.model.contact import drag_anchors
 from rfca_rig.model.forces import assemble
 from rfca_rig.model.linear import solve
@@ -15,7 +15,7 @@ SHORTEST_STEP_RAD = np.radians(1e-4)
 FARTHEST_TURN_RAD = 0.15  # of a link within one step: more is no continuation of the path but another equilibrium
 
 
-@compiled
+@compiled_allocating
 def balance(chain: Chain, state: State, q: Floats, angle: float, nothing: Floats, work: Work) -> bool:
     """Newton from q to the equilibrium with the shaft at `angle` and the anchors of `state`; True when found nearby.
 
@@ -24,11 +24,11 @@ def balance(chain: Chain, state: State, q: Floats, angle: float, nothing: Floats
     """
     turned = 0.0
     for _ in range(NEWTON_LIMIT):
-        assemble(chain, None, state, 0.0, q, nothing, nothing, 0.0, 0.0, 1.0, work)
+        assemble(chain, None, state, 0.0, q, nothing, nothing, (0.0, 0.0, 1.0), work)
         work.R[0] = q[0] - angle
         work.J[0, :] = 0.0
         work.J[0, 0] = 1.0
-        if not solve(work.J, work.R):
+        if not solve(work.J, work.pivot, work.R):
             return False
         q -= work.R
         change = np.max(np.abs(work.R))
@@ -40,7 +40,7 @@ def balance(chain: Chain, state: State, q: Floats, angle: float, nothing: Floats
     return False
 
 
-@compiled
+@compiled_allocating
 def turn_shaft(chain: Chain, state: State, angle: float, nothing: Floats, work: Work) -> bool:
     """Turns the shaft to `angle` in small steps, `state` following; False where the path ends before it.
 
@@ -56,7 +56,7 @@ def turn_shaft(chain: Chain, state: State, angle: float, nothing: Floats, work: 
         if balance(chain, state, tried, goal, nothing, work):
             q[:] = tried
             q[0] = goal
-            assemble(chain, None, state, 0.0, q, nothing, nothing, 0.0, 0.0, 0.0, work)
+            assemble(chain, None, state, 0.0, q, nothing, nothing, None, work)
             drag_anchors(chain, state, q, work)
             step = min(2.0 * step, STEP_RAD)
         else:

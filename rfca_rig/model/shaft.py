@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from rfca_rig.model.compiled import compiled
-from rfca_rig.model.state import Floats, Shaft
+from rfca_rig.model.compiled import inlined
+from rfca_rig.model.state import Floats, Shaft, Work
 
 
-@compiled
+@inlined
 def shaft_at(shaft: Shaft, t: float) -> tuple[float, float, float]:
     """(angle, speed, acceleration) of the prescribed shaft; at a break the piece that ends there counts."""
     i = min(max(np.searchsorted(shaft.breaks, t) - 1, 0), shaft.coefficient.shape[0] - 1)
@@ -18,22 +18,20 @@ def shaft_at(shaft: Shaft, t: float) -> tuple[float, float, float]:
     )
 
 
-@compiled
-def close_shaft_row(shaft: Shaft, t: float, q: Floats, w: Floats, a: Floats, g: float, R: Floats, J: Floats) -> None:
-    """Row 0, eq. (16): a known acceleration takes the place of the unknown one, or a torque drives the rotor."""
+@inlined
+def drive_rotor(shaft: Shaft, t: float, q: Floats, w: Floats, a: Floats, g: float, derive: bool, work: Work) -> None:
+    """Row 0, eq. (16), of a shaft that is free: a torque drives the rotor. A prescribed one has no row, its acceleration is known."""
     if not shaft.free:
-        R[0] = 0.0
-        J[0, :] = 0.0
-        J[0, 0] = 1.0
         return
     angle, speed = shaft.angle, shaft.speed
     if shaft.breaks.size > 0:
         angle, speed, _ = shaft_at(shaft, t)
-    R[0] += shaft.rotor * a[0] - shaft.feed - shaft.k_angle * (angle - q[0]) - shaft.k_speed * (speed - w[0])
-    J[0, 0] += shaft.rotor + g * shaft.k_speed + g * g * shaft.k_angle
+    work.R[0] += shaft.rotor * a[0] - shaft.feed - shaft.k_angle * (angle - q[0]) - shaft.k_speed * (speed - w[0])
+    if derive:
+        work.J[0, 0] += shaft.rotor + g * shaft.k_speed + g * g * shaft.k_angle
 
 
-@compiled
+@inlined
 def place(shaft: Shaft, t: float, base_q: Floats, base_w: Floats, g: float, q: Floats, w: Floats, a: Floats) -> None:
     """q and w of a stage from its acceleration; a prescribed shaft is where it is told to be."""
     for i in range(q.size):

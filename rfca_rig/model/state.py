@@ -51,6 +51,9 @@ class Chain(NamedTuple):
     frame_damping: float
 
 
+Weights = tuple[float, float, float]  # ca, cw, cq
+
+
 class State(NamedTuple):
     """Where the chain is, changed in place: q, w, a for every coordinate; per link the `anchor` to which the end's lowest point
     is tied on the ground [m]; `memory` (m, n, 4) is what the laws of effects remember of each hinge or link.
@@ -106,31 +109,43 @@ class Samples(NamedTuple):
 class Work(NamedTuple):
     """Scratch of one integration.
 
-    `sin`, `cos` are those of the angles last assembled; `down`, `along` (n,) how every end beyond link j moves across and along
-    the floor per radian of q_j; `arm` how the middle of a link moves across it per unit of each coordinate; `place` (n, 4) of
-    each end its depth, sinking, stretch and slip; `outside` (2,) the force
-    of the surroundings on the leg along y and down; `x` and `out` (8,) go to and from the laws of effects.
+    `J` holds its triangular factors with the row exchanges `pivot` once it is factored. `sin`, `cos` are those of the angles last
+    assembled; `down`, `along` (n,) how every end beyond link j moves across and along
+    the floor per radian of q_j; `arm` how the middle of a link moves across it per unit of each coordinate; `speed2`, `by_cos`,
+    `by_sin` what the coupling of links needs of each; `place` (n, 4) of each end its depth, sinking, stretch and slip; `regime` (2, n)
+    on which branch the law of each contact is, and the slope of the effects in each hinge, `regime_of_J` those at which J was
+    made; `outside` (2,) the force of the surroundings on the leg along y and down; `x` and `out` (8,) go to and from the laws of
+    effects. `q`, `w`, `a` are those of the stage in work, `stage_w` and `stage_a` (4, coordinates) those of the step's stages;
+    `jerk` is what the last step says of the acceleration's change, and `ends` (n, 4) are depth, sinking, stretch and slip of the
+    ends where the step begins.
     """
 
     R: Floats
     J: Floats
+    pivot: Integers
     sin: Floats
     cos: Floats
     down: Floats
     along: Floats
     arm: Floats
+    speed2: Floats
+    by_cos: Floats
+    by_sin: Floats
     q: Floats
     w: Floats
     a: Floats
-    w_mid: Floats
-    a_mid: Floats
+    stage_q: Floats
+    stage_w: Floats
+    stage_a: Floats
+    jerk: Floats
     base_q: Floats
     base_w: Floats
-    contact_old: Floats
     contact: Floats
-    force_old: Floats
     force: Floats
     place: Floats
+    ends: Floats
+    regime: Floats
+    regime_of_J: Floats
     outside: Floats
     x: Floats
     out: Floats

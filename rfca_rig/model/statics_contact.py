@@ -15,9 +15,10 @@ from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.chain import Tolerance, advance, at_rest, chain_of, room_for
 from rfca_rig.model.forces import assemble
 from rfca_rig.model.held_contact import STEP_RAD, balance, turn_shaft
-from rfca_rig.model.integrator import FIRST_STEP_S, room_to_work
+from rfca_rig.model.integrator import FIRST_STEP_S
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Chain, State
 from rfca_rig.model.static_state import StaticState, static_state
 
@@ -95,5 +96,5 @@ def _no_rest(chain: Chain, angle: float) -> SimulationFailed:
 
 def _observed(rig: RigModel, chain: Chain, state: State, jumped: bool) -> StaticState:
     work, nothing = room_to_work(state.q.size, state.q.size), np.zeros(state.q.size)
-    assemble(chain, None, state, 0.0, state.q, nothing, nothing, 0.0, 0.0, 0.0, work)
+    assemble(chain, None, state, 0.0, state.q, nothing, nothing, None, work)
     return static_state(rig, state.q.copy(), float(work.R[0]), work.contact[0].copy(), work.contact[1].copy(), jumped)

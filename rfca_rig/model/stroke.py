@@ -7,10 +7,11 @@ from numpy.typing import NDArray
 
 from rfca_rig.model.chain import Tolerance, advance, room_for
 from rfca_rig.model.forces import measure
-from rfca_rig.model.integrator import FIRST_STEP_S, room_to_work
+from rfca_rig.model.integrator import FIRST_STEP_S
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.setup import Felt, set_up
+from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Chain, Laws, Samples, State
 
 Floats = NDArray[np.float64]
@@ -51,7 +52,7 @@ def stroke_following(
 ) -> SimulatedStroke:
     """The stroke with the shaft moving as given from t = 0, the leg at rest before unless the rig has it swinging.
 
-    `t_s` (m,) ascending sample times; those up to the beginning show it as it is then. Second order in the step, error-controlled;
+    `t_s` (m,) ascending sample times; those up to the beginning show it as it is then. Third order in the step, error-controlled;
     `tolerance` is per step. Raises SimulationFailed where the integrator cannot go on.
     """
     setup = set_up(rig, height_m, motion)

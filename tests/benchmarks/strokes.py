@@ -1,14 +1,14 @@
 """What strokes cost: batches on all cores, links, effects, the first one of a process: python -m tests.benchmarks.strokes"""
 
-import os
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 
+from rfca_rig.model.batch import Job, strokes
+from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.stroke import stroke_at_speed
 from tests.benchmarks.__main__ import median_s
@@ -59,10 +59,10 @@ def batch(size: int) -> float:
         )
         for _ in range(size)
     ]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        begin = time.perf_counter()
-        list(pool.map(stroke, rigs))
-        return size / (time.perf_counter() - begin)
+    motion = ramp_to_speed(PAPER.leg.start_angle_rad, 2.433, PAPER.drive.ramp_s, float(T[-1]))
+    begin = time.perf_counter()
+    strokes([Job(rig, 0.215, motion, T) for rig in rigs])
+    return size / (time.perf_counter() - begin)
 
 
 def main() -> None:

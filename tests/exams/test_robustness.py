@@ -18,7 +18,7 @@ from tests.model.legs import PAPER
 
 CASES = 200
 T = np.arange(1, 1400) * 1e-3
-TIGHTER = Tolerance(1e-5, 3e-2)
+TIGHTER = Tolerance(1e-6, 3e-3)
 
 
 def drawn(random: np.random.Generator) -> RigModel:

@@ -65,7 +65,7 @@ def test_sliding_friction_is_mu_times_the_normal_force_and_the_floor_s_drag(stro
 
 
 def test_the_valley_does_not_depend_on_the_tolerance(stroke):
-    tight = stroke_at_speed(PAPER, 0.215, 2.433, T, Tolerance(1e-7, 3e-4))
+    tight = stroke_at_speed(PAPER, 0.215, 2.433, T, Tolerance(1e-8, 3e-5))
     assert stroke.fz_N.min() == pytest.approx(tight.fz_N.min(), rel=2e-4)
     assert T[stroke.fz_N.argmin()] == pytest.approx(T[tight.fz_N.argmin()], abs=1.1e-3)
 
@@ -123,7 +123,7 @@ def test_wide_parameters_neither_fail_nor_depend_on_the_tolerance(case):
     ground = replace(PAPER.ground, friction_coefficient=random.uniform(0.2, 1.3), stiffness_N_per_m1p5=10 ** random.uniform(4.5, 6.5))
     rig, motion = replace(PAPER, leg=leg, ground=ground), ramp_to_speed(PAPER.leg.start_angle_rad, 3.0, 0.05, 1.0)
     t = np.arange(1, 700) * 1e-3
-    plain, tight = (stroke_following(rig, 0.215, motion, t, tolerance) for tolerance in (Tolerance(), Tolerance(1e-5, 3e-2)))
+    plain, tight = (stroke_following(rig, 0.215, motion, t, tolerance) for tolerance in (Tolerance(), Tolerance(1e-6, 3e-3)))
     late = slice(300, None)  # the touchdown's spikes are chaotic on a hard floor; loading is not
     assert np.isfinite(plain.fz_N).all()
     assert np.sqrt(np.mean((plain.fz_N - tight.fz_N)[late] ** 2)) < 5e-3 * np.abs(tight.fz_N[late]).max()

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.model.compiled import compiled
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.setup import Felt, Setup, with_sensor
 
@@ -27,9 +28,15 @@ def lagged(t_s: Floats, x: Floats, tau_s: float) -> Floats:
     left = np.exp(-step)
     ramp = (1.0 - left) / np.where(step > 0.0, step, 1.0)
     y = x.copy()
-    for i in range(1, len(x)):
-        y[i] = left[i - 1] * y[i - 1] + (ramp[i - 1] - left[i - 1]) * x[i - 1] + (1.0 - ramp[i - 1]) * x[i]
+    follow(left, (ramp - left) * x[:-1] + (1.0 - ramp) * x[1:], y)
     return y
+
+
+@compiled
+def follow(left: Floats, gained: Floats, y: Floats) -> None:
+    """y (m,) from its first value on: of each value `left` (m - 1,) remains, `gained` (m - 1,) is added."""
+    for i in range(gained.size):
+        y[i + 1] = left[i] * y[i] + gained[i]
 
 
 EFFECT = Effect(

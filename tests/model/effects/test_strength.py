@@ -13,6 +13,7 @@ OTHER_STEPS = {  # other equations, other steps: their error, rms of fz
     "shaft_compliance": 5e-3,
     "frame_compliance": 2e-4,
     "ground_compliance": 2e-4,
+    "hinge_backlash": 2e-4,
     "motor_speed_droop": 2e-4,
     "motor_speed_ripple": 2e-4,
 }

@@ -1,0 +1,55 @@
+"""Many strokes at once, on all cores."""
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.chain import Tolerance
+from rfca_rig.model.motion import ShaftMotion
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.stroke import SimulatedStroke, stroke_following
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One stroke to simulate; fields as the arguments of `stroke_following`."""
+
+    rig: RigModel
+    height_m: float
+    motion: ShaftMotion
+    t_s: Floats
+    tolerance: Tolerance | None = None
+
+
+def strokes(jobs: Sequence[Job], threads: int | None = None) -> list[SimulatedStroke | SimulationFailed]:
+    """The strokes of `jobs` in their order, or why there is none; the same to the last bit as one after the other.
+
+    On `threads`, or as many as there are cores: the compiled chain runs beside itself. Each thread takes every n-th job, so that
+    neighbours, which tend to cost alike, are shared out. Raises BadInput for effects that do not fit, like a single stroke.
+    """
+    count = max(1, min(threads or os.cpu_count() or 1, len(jobs)))
+    if count == 1:
+        return [_stroke(job) for job in jobs]
+    done: list[SimulatedStroke | SimulationFailed] = [SimulationFailed("not simulated")] * len(jobs)
+    with ThreadPoolExecutor(count) as pool:
+        for first, part in enumerate(pool.map(_in_turn, [jobs[first::count] for first in range(count)])):
+            done[first::count] = part
+    return done
+
+
+def _in_turn(jobs: Sequence[Job]) -> list[SimulatedStroke | SimulationFailed]:
+    return [_stroke(job) for job in jobs]
+
+
+def _stroke(job: Job) -> SimulatedStroke | SimulationFailed:
+    try:
+        return stroke_following(job.rig, job.height_m, job.motion, job.t_s, job.tolerance)
+    except SimulationFailed as failed:
+        return failed

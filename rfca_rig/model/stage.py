@@ -1,0 +1,108 @@
+"""One implicit stage of a step, by Newton's iteration with a derivative that serves as long as it is good. Symbols as in `state`."""
+
+import numpy as np
+
+from rfca_rig.model.compiled import compiled, compiled_allocating, inlined
+from rfca_rig.model.forces import assemble
+from rfca_rig.model.linear import factor, substitute
+from rfca_rig.model.shaft import drive_rotor, place
+from rfca_rig.model.state import Chain, Laws, Shaft, State, Work
+
+NEWTON_LIMIT = 10  # a stage that needs more iterations is cheaper to repeat at half the length
+GOOD_CONTRACTION = 0.1  # an iteration that gains less than a digit gets a new derivative
+SAME_SLOPE = 0.3  # of the hinge's spring: where an effect changes by more, the derivative is another one
+ABSURD_RAD_S2 = 1e15
+
+
+@compiled_allocating
+def room_to_work(coordinates: int, links: int) -> Work:
+    """Scratch for a chain of so many links and coordinates."""
+    v, u = np.zeros((13, coordinates)), np.zeros((2, links))
+    stages, regimes, exchange = np.zeros((3, 4, coordinates)), np.zeros((2, 2, links)), np.zeros((2, 8))
+    return Work(
+        R=np.zeros(coordinates),
+        J=np.zeros((coordinates, coordinates)),
+        pivot=np.zeros(coordinates, np.int64),
+        sin=v[0],
+        cos=v[1],
+        down=u[0],
+        along=u[1],
+        arm=v[2],
+        speed2=v[3],
+        by_cos=v[4],
+        by_sin=v[5],
+        q=v[6],
+        w=v[7],
+        a=v[8],
+        stage_q=stages[0],
+        stage_w=stages[1],
+        stage_a=stages[2],
+        jerk=v[9],
+        base_q=v[10],
+        base_w=v[11],
+        contact=np.zeros((2, links)),
+        force=np.zeros(3),
+        place=np.zeros((links, 4)),
+        ends=np.zeros((links, 4)),
+        regime=regimes[0],
+        regime_of_J=regimes[1],
+        outside=np.zeros(2),
+        x=exchange[0],
+        out=exchange[1],
+    )
+
+
+@compiled
+def solve_stage(
+    chain: Chain, laws: Laws | None, shaft: Shaft, state: State, elapsed: float, t: float, g: float, enough: float, reuse: bool, work: Work
+) -> bool:
+    """`work.a` such that R(base_q + g w, base_w + g a, a) = 0, with q and w. True when converged: the last change of w below `enough`.
+
+    With `reuse`, the factored derivative of an earlier stage with the same g serves on while every contact and hinge is on the
+    branch of its law on which that was made, and while each iteration gains a digit.
+    """
+    q, w, a, before = work.q, work.w, work.a, np.inf
+    first = 0 if shaft.free else 1
+    for _ in range(NEWTON_LIMIT):
+        place(shaft, t, work.base_q, work.base_w, g, q, w, a)
+        if reuse:
+            assemble(chain, laws, state, elapsed, q, w, a, None, work)
+            reuse = in_the_regime_of_J(chain, work)
+        if not reuse:
+            assemble(chain, laws, state, elapsed, q, w, a, (1.0, g, g * g), work)
+            drive_rotor(shaft, t, q, w, a, g, True, work)
+            if not factor(work.J, work.pivot, first):
+                return False
+            note_regime(work)
+        else:
+            drive_rotor(shaft, t, q, w, a, g, False, work)
+        substitute(work.J, work.pivot, first, work.R)
+        change = 0.0
+        for i in range(first, q.size):
+            a[i] -= work.R[i]
+            change = max(change, abs(work.R[i]))
+        if not change < ABSURD_RAD_S2:
+            return False
+        if g * change < enough:
+            place(shaft, t, work.base_q, work.base_w, g, q, w, a)
+            return True
+        reuse = change < GOOD_CONTRACTION * before
+        before = change
+    return False
+
+
+@inlined
+def in_the_regime_of_J(chain: Chain, work: Work) -> bool:
+    """Whether all laws are on the branches on which they were when J was made."""
+    now, then, same = work.regime, work.regime_of_J, True
+    for k in range(now.shape[1]):
+        same = same and now[0, k] == then[0, k] and abs(now[1, k] - then[1, k]) <= SAME_SLOPE * chain.k0[k]
+    return same
+
+
+@inlined
+def note_regime(work: Work) -> None:
+    """J has just been made."""
+    for i in range(work.regime.shape[0]):
+        for k in range(work.regime.shape[1]):
+            work.regime_of_J[i, k] = work.regime[i, k]
