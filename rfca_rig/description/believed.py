@@ -50,4 +50,4 @@ def _sensor(sensor: SensorSection) -> SensorMount:
 
 
 def _drive(drive: DriveSection) -> Drive:
-    return Drive(ramp_s=drive.ramp_s)
+    return Drive(ramp_s=drive.ramp_s, holds_start=drive.holds_start)

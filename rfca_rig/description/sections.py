@@ -92,9 +92,13 @@ class SensorSection(Section):
 
 
 class DriveSection(Section):
-    """[drive]: the commanded speed rises linearly from 0 at t = 0 within `ramp_s` and is then held."""
+    """[drive]: the commanded speed rises linearly from 0 at t = 0 within `ramp_s` and is then held.
+
+    `holds_start`: should it sag under load, its integrator carries the leg at the start.
+    """
 
     ramp_s: Positive
+    holds_start: bool = False
     mode: Literal["speed"]
 
 

@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 from rfca_rig.diagnosis.coordinates import Choice, std_of, value_of
 from rfca_rig.diagnosis.gates import gates_of
 from rfca_rig.diagnosis.result import Gate, NamedEffect, Rival, Value, Verdict
-from rfca_rig.diagnosis.search import PRIOR_UNKNOWN, Found, Hypothesis
+from rfca_rig.diagnosis.search import GOOD_FIT, PRIOR_UNKNOWN, Found, Hypothesis
 
 AS_GOOD = 3.0  # log evidence within which these data do not tell two effects apart
 SURE = 0.9
@@ -62,7 +62,8 @@ def _attempt(found: Found, best: Hypothesis, candidates: int, rivals: tuple[Riva
         verdict: Verdict = "nothing missing" if _probability(rivals, UNKNOWN) < 0.5 else "unexplained"
         return Decision(verdict, found.nothing, (), gates, rivals, best, nothing)
     if not all(gate.passed for gate in gates):
-        return Decision("unexplained", found.nothing, (), gates, rivals, best, nothing)
+        verdict = "nothing missing" if found.nothing.judgement.error < GOOD_FIT else "unexplained"
+        return Decision(verdict, found.nothing, (), gates, rivals, best, nothing)
     return Decision("named", best, _named(best, classes, probability, gates), gates, rivals, None, nothing)
 
 

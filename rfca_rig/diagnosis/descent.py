@@ -100,12 +100,12 @@ class Descent:
         return 0.5 * float(rest @ rest + x @ x)
 
     def _stepped(self, here: Fitted, whitening: Whitening) -> Fitted | None:
-        goal = posterior_of(here.linear(self.evidence.rows.measured), whitening).mean
+        goal = _goal(here.linear(self.evidence.rows.measured), whitening)
         before = self._misfit(here.x, here.predicted, whitening)
         if before - self._misfit(goal, here.predicted + here.slope @ (goal - here.x), whitening) < GOOD_ENOUGH:
             return None
         for share in (1.0, 0.5, 0.2, 0.05):
-            x = np.clip(here.x + share * (goal - here.x), -FARTHEST, FARTHEST)
+            x = here.x + share * (goal - here.x)
             predicted = self.evidence.predicted(here.coordinates.supposed(x))
             if predicted is not None and self._misfit(x, predicted, whitening) < before:
                 return self._renewed(here, x, predicted)
@@ -129,3 +129,16 @@ class Descent:
             if there is not None:
                 return np.asarray((there - predicted) / step)
         return np.zeros(len(predicted))
+
+
+def _goal(linear: Linear, whitening: Whitening) -> Floats:
+    """The posterior mean within the bounds: what would leave them is held there, and the others found anew."""
+    x, free = posterior_of(linear, whitening).mean, np.ones(linear.slope.shape[1], dtype=bool)
+    while np.any(np.abs(x[free]) > FARTHEST):
+        free &= np.abs(x) <= FARTHEST
+        x = np.clip(x, -FARTHEST, FARTHEST)
+        if not free.any():
+            break
+        rest = Linear(linear.target - linear.slope[:, ~free] @ x[~free], linear.slope[:, free])
+        x[free] = posterior_of(rest, whitening).mean
+    return np.clip(x, -FARTHEST, FARTHEST)

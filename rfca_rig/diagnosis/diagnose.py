@@ -86,8 +86,8 @@ def _body(recordings: Sequence[Recording]) -> tuple[Body, tuple[StageTable, ...]
     probed = [flap_condition(condition, noise_std, turn_of(condition, False)) for condition in conditions]
     remarks = tuple(flap.reason for flap in probed if isinstance(flap, Refused))
     usable = [(c, f) for c, f in zip(conditions, probed, strict=True) if not isinstance(f, Refused)]
-    shafts = tuple(s for c, f in usable if (s := shaft_condition(c, float(f.t_s[-1]))) is not None)
-    as_commanded = all(turns_as_commanded(shaft, rig.drive.ramp_s) for shaft in shafts)
+    shafts = tuple(s for c, f in usable if (s := shaft_condition(c, float(f.t_s[-1]), rig.drive.ramp_s)) is not None)
+    as_commanded = all(turns_as_commanded(shaft) for shaft in shafts)
     flaps = tuple(replace(flap, turn=turn_of(condition, not as_commanded)) for condition, flap in usable)
     known_to = {key: float(value) for key, value in first.known_to.items() if value is not None}
     before_s = _before_start_s(condition for condition, _ in usable)
@@ -120,16 +120,15 @@ def _candidates(body: Body) -> list[Effect]:
 
 
 def _drive(body: Body, leg: Found, progress: Progress) -> Found:
-    """The same search for the shaft's own motion, the leg as the best hypothesis has it."""
+    """The same search for the shaft's own motion, the leg as the best hypothesis has it; both ways in which a soft drive may start."""
     best = max((leg.nothing, *leg.named), key=lambda hypothesis: hypothesis.log_joint)
     supposed = best.fitted.coordinates.supposed(best.fitted.x)
-    swing = supposed.rig.swing
-    rig = replace(supposed.rig, leg=replace(supposed.rig.leg, start_angle_rad=body.rig.leg.start_angle_rad))
-    known = {"start_angle_deg": body.known_to.get("start_angle_deg", 0.3), "friction_coefficient": 0.02}
-    space = nuisances_of(rig, known, 0.0)
-    space = replace(space, centre=replace(space.centre, rig=replace(space.centre.rig, swing=swing)))
     evidence = evidence_of(body.shafts)
     effects = [catalogue()[name] for name in SEEN_ON_THE_SHAFT]
-    return searched(evidence, Coordinates(space), effects, lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share))
-
-
+    found = []
+    for holds_start in (False, True):
+        rig = replace(supposed.rig, drive=replace(supposed.rig.drive, holds_start=holds_start))
+        space = nuisances_of(rig, {"friction_coefficient": 0.01, "height_mm": 0.1}, 0.0)
+        space = replace(space, centre=replace(supposed, rig=rig, turn_offset_rad=0.0))
+        found.append(searched(evidence, Coordinates(space), effects, lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share)))
+    return max(found, key=lambda one: max((h.log_joint for h in one.named), default=-np.inf))

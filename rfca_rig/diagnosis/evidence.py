@@ -23,6 +23,11 @@ THREADS = os.cpu_count() or 1
 class Part(Protocol):
     """One condition of an experiment: its rows, and the model's for the same."""
 
+    @property
+    def repeats(self) -> Floats:
+        """The rows of each stroke, (r, m), whose mean was measured; (1, 0) where there is one only."""
+        ...
+
     def rows(self) -> Rows:
         """What was measured."""
         ...
@@ -38,12 +43,6 @@ class Evidence:
 
     parts: tuple[Part, ...]
     rows: Rows
-
-    @property
-    def repeats(self) -> tuple[Floats, ...]:
-        """The binned strokes (r, rows) of each condition; those without repeats, as a static table, stand alone."""
-        empty = np.empty((1, 0))
-        return tuple(part.repeats if isinstance(part, FlapCondition) else empty for part in self.parts)
 
     @property
     def flaps(self) -> tuple[FlapCondition, ...]:

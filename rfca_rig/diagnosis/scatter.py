@@ -52,7 +52,7 @@ def _learnt(evidence: Evidence, effect: Floats, usual: Floats) -> Floats:
     """From how the repeats of each condition lie about their mean; the mean takes one of them away."""
     rows = evidence.rows
     residuals, effects, stroke = [], [], []
-    for number, strokes in enumerate(evidence.repeats):
+    for number, strokes in enumerate(part.repeats for part in evidence.parts):
         here, count = rows.condition == number, len(strokes)
         if count < 2:
             continue
@@ -71,7 +71,7 @@ def _per_condition(evidence: Evidence, effect: Floats) -> Floats:
     condition = evidence.rows.condition
     columns = [
         np.where(condition == number, effect[:, k], 0.0) / np.sqrt(len(strokes))
-        for number, strokes in enumerate(evidence.repeats)
+        for number, strokes in enumerate(part.repeats for part in evidence.parts)
         for k in range(effect.shape[1])
         if np.any(effect[condition == number, k])
     ]

@@ -21,6 +21,7 @@ Progress = Callable[[str, float], None]
 
 REFINED = 8  # effects whose best point is sought, of those that screening ranks highest
 POLISHED_BEST = 2  # hypotheses of each size that are brought to their very best point
+CLEARLY_BETTER = 10.0  # log evidence
 STARTS = 2  # places per effect to begin from, where the second promises half of the first
 WORTH_A_FIT = 6.0  # chi2 that an effect must promise to take away, or it cannot pay for its parameters
 GOOD_FIT = 0.011  # a model error below which no further effect is sought,
@@ -77,11 +78,22 @@ def searched(evidence: Evidence, coordinates: Coordinates, effects: Sequence[Eff
     progress("each effect", 0.3)
     singles = _refined(descent, base, _promising(descent, base, trials, REFINED))
     singles = _best_polished(descent, singles)
+    scatter = _scatter_around_best(descent, base, singles) or scatter
+    descent = Descent(evidence, judge_of(evidence.rows, scatter.columns))
+    singles = _best_polished(descent, singles)
     progress("pairs of effects", 0.6)
     pairs = _best_polished(descent, _pairs(descent, base, singles, trials))
     progress("weighing", 0.9)
     singles = _no_worse_than_nested(descent, singles, pairs)
     return replace(_weighed(descent, base, [*singles, *pairs], trials, scatter, len(effects)), believed=believed)
+
+
+def _scatter_around_best(descent: Descent, base: Fitted, singles: Sequence[Fitted]) -> Scatter | None:
+    """What scatters acts through the leg and drive as they are: learnt anew where an effect describes them better."""
+    best = max(singles, key=lambda single: _evidence(descent, single), default=None)
+    if best is None or _evidence(descent, best) < _evidence(descent, base) + CLEARLY_BETTER:
+        return None
+    return scatter_of(descent.evidence, best.coordinates.supposed(best.x))
 
 
 def _best_polished(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:

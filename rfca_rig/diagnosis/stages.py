@@ -36,6 +36,11 @@ class StageTable:
         hinges = len(self.stages[0].hinge_deg)
         return (*FORCES, *(f"hinge{i}_deg" for i in range(2, 2 + hinges)))
 
+    @property
+    def repeats(self) -> Floats:
+        """None: each stage is read once."""
+        return np.empty((1, 0))
+
     def simulated(self, supposed: Supposed) -> Floats:
         """The model's rows, signal after signal, NaN where nothing was measured left out. Raises SimulationFailed."""
         return self._table(supposed)[self._present()]

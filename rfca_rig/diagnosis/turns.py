@@ -16,29 +16,34 @@ Floats = NDArray[np.float64]
 SIGNAL = "shaft_angle_rad"
 BIN_S = 0.010
 AS_COMMANDED_RAD = 0.003  # rms: what 1 ms of delay at 3 rad/s makes, and no leg notices
-SMALLEST_SCALE_RAD = 2e-3
+SMALLEST_SCALE_RAD = 0.1  # a model error of 1 % is then a milliradian at least, which no leg notices
 
 
 @dataclass(frozen=True)
 class ShaftCondition:
-    """The mean deviation of the shaft from its command over the repeats of one condition, in bins; `start_rad` where it stood."""
+    """The shaft of one condition, mean over its repeats; `start_rad` where it stood before the motion.
+
+    `first` (b,) is the sample that each bin begins with; `repeats` (r, b) holds by how much each stroke turned further than told, in bins.
+    """
 
     label: str
     height_m: float
     speed_rad_s: float
     t_s: Floats
     first: NDArray[np.intp]
-    angle_rad: Floats
     start_rad: float
     sample_noise_rad: float
     repeats: Floats
 
     def simulated(self, supposed: Supposed) -> Floats:
-        """The model's angle less the command from the believed start, (b,). Raises SimulationFailed."""
-        leg, drive = supposed.rig.leg, supposed.rig.drive
-        motion = ramp_to_speed(leg.start_angle_rad, self.speed_rad_s, drive.ramp_s, float(self.t_s[-1]))
+        """The model's turn less the commanded one, each from where it stands, (b,). Raises SimulationFailed.
+
+        The command starts where the shaft was recorded to stand: by how much a drive sags there is not used.
+        """
+        motion = ramp_to_speed(self.start_rad, self.speed_rad_s, supposed.rig.drive.ramp_s, float(self.t_s[-1]))
         stroke = stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s)
-        return self._binned(stroke.shaft_angle_rad - motion.angle_rad(self.t_s)) + leg.start_angle_rad
+        stood_rad = float(stroke.shaft_angle_rad[self.t_s <= max(0.0, float(self.t_s[0]))].mean())
+        return self._binned(stroke.shaft_angle_rad - stood_rad - motion.angle_rad(self.t_s) + self.start_rad)
 
     def _binned(self, values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, self.first) / self._counts)
@@ -47,13 +52,11 @@ class ShaftCondition:
     def _counts(self) -> Floats:
         return np.diff(np.append(self.first, len(self.t_s))).astype(np.float64)
 
-    def rows(self, ramp_s: float = 0.05) -> Rows:
-        """The recorded angle less a command that starts at 0, so that its first value is where the shaft stood."""
-        motion = ramp_to_speed(0.0, self.speed_rad_s, ramp_s, float(self.t_s[-1]))
-        measured = self._binned(self.angle_rad - motion.angle_rad(self.t_s))
+    def rows(self) -> Rows:
+        """By how much the shaft has turned further than it was told."""
+        measured = self.repeats.mean(axis=0)
         middle = self._binned(self.t_s)
-        deviation = measured - self.start_rad
-        scale = np.sqrt(deviation**2 + (0.02 * np.gradient(measured, middle)) ** 2 + SMALLEST_SCALE_RAD**2)
+        scale = np.sqrt(measured**2 + (0.02 * np.gradient(measured, middle)) ** 2 + SMALLEST_SCALE_RAD**2)
         bins = len(measured)
         return Rows(
             measured=measured,
@@ -69,7 +72,7 @@ class ShaftCondition:
         )
 
 
-def shaft_condition(condition: Condition, end_s: float) -> ShaftCondition | None:
+def shaft_condition(condition: Condition, end_s: float, ramp_s: float) -> ShaftCondition | None:
     """The shaft of a condition until `end_s`; None where no angle was recorded."""
     traces = [trace for stroke in condition.strokes if (trace := stroke.channel(SIGNAL)) is not None]
     if not traces:
@@ -77,17 +80,24 @@ def shaft_condition(condition: Condition, end_s: float) -> ShaftCondition | None
     t_s = min((t for t, _ in traces), key=len)
     t_s = t_s[t_s <= end_s]
     angles = np.array([np.interp(t_s, t, angle) for t, angle in traces])
-    mean = angles.mean(axis=0)
     first = np.flatnonzero(np.diff(np.floor(t_s / BIN_S), prepend=-1e9))
-    still = t_s <= 0.0
-    start = float(mean[still].mean()) if still.any() else float(mean[0])
+    counts = np.diff(np.append(first, len(t_s)))
+    away = angles - ramp_to_speed(0.0, condition.speed_rad_s, ramp_s, float(t_s[-1])).angle_rad(t_s)
+    still = t_s <= max(0.0, float(t_s[0]))
+    away -= angles[:, still].mean(axis=1)[:, None]
     noise = float(np.median(np.abs(np.diff(angles, 2, axis=1)))) / 0.6745 / np.sqrt(6.0)
     return ShaftCondition(
-        condition.label, condition.height_m, condition.speed_rad_s, t_s, first, mean, start, max(noise, 1e-5), angles
+        label=condition.label,
+        height_m=condition.height_m,
+        speed_rad_s=condition.speed_rad_s,
+        t_s=t_s,
+        first=first,
+        start_rad=float(angles[:, still].mean()),
+        sample_noise_rad=max(noise, 1e-5),
+        repeats=np.add.reduceat(away, first, axis=1) / counts,
     )
 
 
-def turns_as_commanded(shaft: ShaftCondition, ramp_s: float) -> bool:
+def turns_as_commanded(shaft: ShaftCondition) -> bool:
     """Whether the shaft did what it was told, from where it stood."""
-    rows = shaft.rows(ramp_s)
-    return float(np.sqrt(np.mean((rows.measured - shaft.start_rad) ** 2))) < AS_COMMANDED_RAD
+    return float(np.sqrt(np.mean(shaft.repeats.mean(axis=0) ** 2))) < AS_COMMANDED_RAD

@@ -45,9 +45,14 @@ class SensorMount:
 
 @dataclass(frozen=True)
 class Drive:
-    """How the commanded speed is reached: linearly from rest within `ramp_s`."""
+    """How the commanded speed is reached: linearly from rest within `ramp_s`.
+
+    `holds_start`: a drive that sags under load has its integrator carry the weight of the leg at the start, and stands where it was
+    told to; otherwise it rests where its angle gain carries the weight. Without such a drive it means nothing.
+    """
 
     ramp_s: float
+    holds_start: bool = False
 
 
 @dataclass(frozen=True)

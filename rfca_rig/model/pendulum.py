@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance, advance, room_for
 from rfca_rig.model.effects.joint_friction import friction_of
-from rfca_rig.model.integrator import FIRST_STEP_S, remember, room_to_work
+from rfca_rig.model.integrator import FIRST_STEP_S, remember
+from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.joint_drive import TorqueTrace, drive_of, is_drive, with_traces
 from rfca_rig.model.laws import HINGE, LINK, LawUse
 from rfca_rig.model.motion import ShaftMotion

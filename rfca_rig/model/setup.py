@@ -11,9 +11,11 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.chain import at_rest, chain_of, laws_of, set_swinging
 from rfca_rig.model.effect import Effect
+from rfca_rig.model.forces import measure
 from rfca_rig.model.laws import LawUse
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import PresentEffect, RigModel
+from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Chain, Laws, Shaft, State
 
 Floats = NDArray[np.float64]
@@ -35,12 +37,13 @@ class Felt:
 class SoftDrive:
     """A shaft that is not where it is told: torque k (commanded - angle) + kw (commanded speed - speed) on a rotor.
 
-    Before the motion it rests where k carries the weight of the leg.
+    Before the motion it rests where k carries the weight of the leg, or, if it `holds_start`, where it is told, by a torque that stays.
     """
 
     angle_gain_Nm_per_rad: float
     speed_gain_Nm_s_per_rad: float
     rotor_kg_m2: float
+    holds_start: bool = False
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,10 @@ class Setup:
         motion = self.motion.standing_since(self.begins_s) if self.rig.swing else self.motion
         start_rad = float(motion.angle_rad(np.zeros(1))[0])
         shaft = motion.shaft() if self.drive is None else softened(motion.shaft(), self.drive, start_rad)
-        state = at_rest(chain, start_rad, laws, shaft) if shaft.free else at_rest(chain, start_rad, laws)
+        sags = self.drive is not None and not self.drive.holds_start
+        state = at_rest(chain, start_rad, laws, shaft) if sags else at_rest(chain, start_rad, laws)
+        if shaft.free and not sags:
+            shaft = shaft._replace(feed=holding_torque(chain, laws, state))
         if self.rig.swing:
             set_swinging(chain, laws, state, self.rig.swing.share, self.rig.swing.rate_per_s)
         return shaft, state
@@ -104,6 +110,13 @@ def check(use: LawUse) -> None:
     except NumbaError as error:
         reason = " ".join(str(error).split())
         raise BadInput(f"{code.co_filename}: {code.co_name} or what it calls cannot be compiled: {reason[:300]}") from error
+
+
+def holding_torque(chain: Chain, laws: Laws | None, state: State) -> float:
+    """What the shaft must bear for the leg to stand as it does, in the direction of its angle."""
+    work, force = room_to_work(state.q.size, state.anchor.size), np.empty(3)
+    measure(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
+    return float(force[2])
 
 
 def softened(shaft: Shaft, drive: SoftDrive, start_rad: float) -> Shaft:

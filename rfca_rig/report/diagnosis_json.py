@@ -1,0 +1,112 @@
+"""diagnosis.json, the diagnosis for other programs: format rfca-diagnosis/1."""
+
+import json
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from rfca_rig.diagnosis.result import BeforeAfter, Cell, Diagnosis, Located, NamedEffect, Value
+
+FORMAT = "rfca-diagnosis/1"
+DIGITS = 7
+
+
+def as_json(diagnosis: Diagnosis) -> str:
+    """The document; what is not known is null."""
+    return json.dumps(plain(document(diagnosis)), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def document(diagnosis: Diagnosis) -> dict[str, Any]:
+    """First the keys that the format fixes, then what this program adds."""
+    return {
+        "format": FORMAT,
+        "verdict": diagnosis.verdict,
+        "located": [_located(place) for place in diagnosis.located],
+        "effects": [_effect(effect) for effect in diagnosis.effects],
+        "not_seen": [
+            {"id": one.id, "would_have_seen": one.would_have_seen} for one in diagnosis.not_seen if one.would_have_seen is not None
+        ],
+        "fit": _figures(diagnosis),
+        "unexplained": diagnosis.unexplained,
+        "next_experiment": diagnosis.next_experiment,
+        "not_tested": [one.id for one in diagnosis.not_seen if one.would_have_seen is None],
+        "title": diagnosis.title,
+        "sentence": diagnosis.sentence,
+        "gates": [{"name": gate.name, "passed": gate.passed, "found": gate.found} for gate in diagnosis.gates],
+        "rivals": [
+            {"ids": r.ids, "probability": r.probability, "log_evidence": r.log_evidence, "model_error": r.model_error}
+            for r in diagnosis.rivals
+        ],
+        "believed_values": {name: _value(value) for name, value in diagnosis.believed_values.items()},
+        "remarks": diagnosis.remarks,
+        "settings": diagnosis.settings,
+        "cells": [_cell(cell) for cell in diagnosis.cells],
+    }
+
+
+def plain(value: object) -> Any:
+    """The same in JSON's own types; numbers to seven digits, what is not finite as null."""
+    if isinstance(value, Mapping):
+        return {str(name): plain(each) for name, each in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [plain(each) for each in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}") + 0.0 if isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def _located(place: Located) -> dict[str, Any]:
+    return {
+        "signal": place.signal,
+        "experiment": place.experiment,
+        "phase": place.phase,
+        "conditions": place.conditions,
+        "size": place.size,
+        "unit": place.unit,
+        "p_value": place.p_value,
+        "sigmas": place.sigmas,
+    }
+
+
+def _effect(effect: NamedEffect) -> dict[str, Any]:
+    return {
+        "id": effect.id,
+        "probability": effect.probability,
+        "parameters": {name: _value(value) for name, value in effect.parameters.items()},
+        "cannot_tell_from": effect.cannot_tell_from,
+        "left_out": effect.left_out,
+        "wording": effect.wording,
+    }
+
+
+def _value(value: Value) -> dict[str, float]:
+    return {"value": value.value, "std": value.std}
+
+
+def _figures(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Forces with their noise floor; errors of the valley have none."""
+    floored = {name: _before_after(each) | {"noise_floor": each.noise_floor} for name, each in _with_floor(diagnosis).items()}
+    return floored | {name: _before_after(each) for name, each in diagnosis.valley.items()}
+
+
+def _with_floor(diagnosis: Diagnosis) -> dict[str, BeforeAfter]:
+    return {**diagnosis.fit, **diagnosis.held_out}
+
+
+def _before_after(each: BeforeAfter) -> dict[str, float | None]:
+    return {"before": each.before, "after": each.after}
+
+
+def _cell(cell: Cell) -> dict[str, Any]:
+    return {
+        "signal": cell.signal,
+        "experiment": cell.experiment,
+        "phase": cell.phase,
+        "condition": cell.condition,
+        "size": cell.size,
+        "sigmas": cell.sigmas,
+    }

@@ -1,0 +1,97 @@
+"""The map of a diagnosis: where model and recordings part, by signal, phase and condition, and how far beyond what could be expected."""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+from rfca_rig.analysis.phases import PHASES
+from rfca_rig.diagnosis.result import Cell, Diagnosis
+from rfca_rig.report.condition_grid import Grid, condition_grid
+from rfca_rig.report.diagnosis_wording import SIGMA, decimals, rounded, significant
+from rfca_rig.report.named_units import shown
+
+EDGES = (2.0, 3.0, 5.0, 10.0)
+BAND_WORDS = tuple(f"{words} {SIGMA}" for words in ("below 2", "2 to 3", "3 to 5", "5 to 10", "above 10"))
+ORDER = (*PHASES, "loading", "unloading")
+
+
+@dataclass(frozen=True)
+class Shade:
+    """One cell as it is shown: `band` counts the colours, `located` frames it. Empty text where nothing was recorded."""
+
+    text: str
+    band: int
+    sigmas: str
+    located: bool
+
+
+@dataclass(frozen=True)
+class MapRow:
+    """One row of one signal; `label` says which condition, or part of it."""
+
+    label: str
+    shades: tuple[Shade, ...]
+
+
+@dataclass(frozen=True)
+class Map:
+    """One experiment's map: each phase spans `columns`, each signal its rows."""
+
+    experiment: str
+    corner: str
+    phases: tuple[str, ...]
+    columns: tuple[str, ...]
+    signals: tuple[tuple[str, tuple[MapRow, ...]], ...]
+    labelled: bool
+
+
+def maps_of(diagnosis: Diagnosis) -> list[Map]:
+    """One map for each experiment in the cells."""
+    located = frozenset((p.signal, p.experiment, p.phase, condition) for p in diagnosis.located for condition in p.conditions)
+    experiments = dict.fromkeys(cell.experiment for cell in diagnosis.cells)
+    return [_map(name, [cell for cell in diagnosis.cells if cell.experiment == name], located) for name in experiments]
+
+
+def band(sigmas: float) -> int:
+    """Which colour: the number of edges reached."""
+    return bisect_right(EDGES, sigmas) if isfinite(sigmas) else 0
+
+
+def _map(experiment: str, cells: Sequence[Cell], located: frozenset[tuple[str, str, str, str]]) -> Map:
+    phases = sorted(dict.fromkeys(cell.phase for cell in cells), key=_place)
+    grid = condition_grid([cell.condition for cell in cells], len(phases))
+    unit, columns = _without_unit(grid.columns)
+    signals = dict.fromkeys(cell.signal for cell in cells)
+    rows = tuple((shown(s), _rows([cell for cell in cells if cell.signal == s], phases, grid, located)) for s in signals)
+    return Map(experiment, unit, tuple(phases), columns, rows, any(grid.rows))
+
+
+def _place(phase: str) -> tuple[int, str]:
+    return ORDER.index(phase) if phase in ORDER else len(ORDER), phase
+
+
+def _rows(cells: Sequence[Cell], phases: Sequence[str], grid: Grid, located: frozenset[tuple[str, str, str, str]]) -> tuple[MapRow, ...]:
+    by_place = {(cell.phase, cell.condition): cell for cell in cells}
+    across = [(phase, column) for phase in phases for column in grid.columns]
+    largest = max((abs(cell.size) for cell in cells if isfinite(cell.size)), default=0.0)
+    places = max(0, decimals(largest, 3 if largest >= 1.0 else 2))
+    return tuple(
+        MapRow(row, tuple(_shade(by_place.get((phase, grid.at.get((row, column), ""))), places, located) for phase, column in across))
+        for row in grid.rows
+    )
+
+
+def _shade(cell: Cell | None, places: int, located: frozenset[tuple[str, str, str, str]]) -> Shade:
+    if cell is None:
+        return Shade("", 0, "", False)
+    found = (cell.signal, cell.experiment, cell.phase, cell.condition) in located
+    return Shade(rounded(cell.size, places), band(cell.sigmas), significant(cell.sigmas, 2), found)
+
+
+def _without_unit(columns: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+    """The unit that all labels share, and the labels without it."""
+    units = {label.partition(" ")[2] for label in columns}
+    if len(units) != 1 or not (unit := units.pop()) or "," in unit:
+        return "", columns
+    return unit, tuple(label.partition(" ")[0] for label in columns)

@@ -1,0 +1,167 @@
+"""diagnosis.html: one self-contained page."""
+
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from math import nan
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, NamedEffect, NotSeen, Rival
+from rfca_rig.report.diagnosis_map import BAND_WORDS, maps_of
+from rfca_rig.report.diagnosis_pictures import BEFORE, pictures_of
+from rfca_rig.report.diagnosis_wording import (
+    chance,
+    decimals,
+    entries,
+    hypothesis,
+    meaning,
+    percent,
+    rounded,
+    significant,
+    sizes,
+    verdict_probability,
+    within_90,
+)
+from rfca_rig.report.named_units import shown, words_and_unit
+from rfca_rig.report.overlay import MEASURED, SIMULATED
+from rfca_rig.report.wording import NOTHING, counted, unbroken
+
+VERDICT_WORDS = {
+    "named": ("What the model lacks has a name.", "probability that this is it"),
+    "nothing missing": ("The model lacks nothing that these data show.", "probability that nothing is missing"),
+    "unexplained": ("Model and recordings part, and no name for it stands every test.", "probability that something is missing"),
+    "not enough data": ("These recordings do not allow an answer.", ""),
+}
+NOTHING_LEFT = {
+    "named": "Nothing beyond noise, scatter and the model\u2019s usual error.",
+    "nothing missing": "Nothing beyond noise, scatter and the model\u2019s usual error.",
+    "unexplained": "The whole difference shown above.",
+    "not enough data": "",
+}
+MOST_PLACES = 4
+SHOWN_RIVALS = 7
+NEGLIGIBLE = 0.001
+
+
+def page(diagnosis: Diagnosis) -> str:
+    """The page as HTML."""
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    template = environment.from_string(_beside("diagnosis.html"))
+    probability = verdict_probability(diagnosis)
+    shown_rivals, other_rivals = _rivals(diagnosis.rivals)
+    return template.render(
+        style=_beside("diagnosis.css"),
+        title=diagnosis.title,
+        verdict=diagnosis.verdict,
+        verdict_meaning=VERDICT_WORDS[diagnosis.verdict][0],
+        probability_of=VERDICT_WORDS[diagnosis.verdict][1],
+        sentence=_text(diagnosis.sentence),
+        probability=None if probability is None else percent(probability),
+        maps=maps_of(diagnosis),
+        band_words=BAND_WORDS,
+        located=[_place(place, diagnosis) for place in diagnosis.located],
+        effects=[_effect(effect) for effect in diagnosis.effects],
+        named=diagnosis.verdict == "named",
+        figures=_figures(diagnosis),
+        valley=[_figure(name, each) for name, each in diagnosis.valley.items()],
+        held_out=bool(diagnosis.held_out),
+        pictures=pictures_of(diagnosis.overlays),
+        gates=[{"name": gate.name, "passed": gate.passed, "found": _text(gate.found)} for gate in diagnosis.gates],
+        rivals=shown_rivals,
+        other_rivals=other_rivals,
+        ruled_out=[_not_seen(one) for one in diagnosis.not_seen if one.would_have_seen is not None],
+        not_tested=[_not_seen(one) for one in diagnosis.not_seen if one.would_have_seen is None],
+        nothing_unexplained=NOTHING_LEFT[diagnosis.verdict],
+        unexplained=[_text(text) for text in diagnosis.unexplained],
+        next_experiment=entries(diagnosis.next_experiment or {}),
+        remarks=[_text(text) for text in diagnosis.remarks],
+        believed=[(*words_and_unit(name), within_90(value)) for name, value in diagnosis.believed_values.items()],
+        settings=entries(diagnosis.settings),
+        colours={"measured": MEASURED, "before": BEFORE, "after": SIMULATED},
+    )
+
+
+def _beside(name: str) -> str:
+    return resources.files("rfca_rig.report").joinpath(name).read_text("utf-8")
+
+
+def _text(text: str) -> str:
+    return unbroken(text).replace("->", "\u2192")
+
+
+def _place(place: Located, diagnosis: Diagnosis) -> dict[str, str]:
+    return {
+        "signal": words_and_unit(place.signal)[0],
+        "experiment": place.experiment,
+        "phase": place.phase,
+        "size": unbroken(f"{significant(place.size)} {place.unit}"),
+        "sigmas": significant(place.sigmas, 2),
+        "p_value": chance(place.p_value),
+        "conditions": _conditions(place, diagnosis),
+    }
+
+
+def _conditions(place: Located, diagnosis: Diagnosis) -> str:
+    """All of them by their number, some by their names."""
+    every = {cell.condition for cell in diagnosis.cells if (cell.signal, cell.experiment) == (place.signal, place.experiment)}
+    if len(place.conditions) > 1 and every == set(place.conditions):
+        return f"all {len(every)}"
+    return unbroken("; ".join(place.conditions)) or NOTHING
+
+
+def _effect(effect: NamedEffect) -> dict[str, Any]:
+    return {
+        "id": effect.id,
+        "left_out": effect.left_out,
+        "probability": percent(effect.probability),
+        "wording": _text(effect.wording),
+        "parameters": [(*words_and_unit(name), within_90(value)) for name, value in effect.parameters.items()],
+        "cannot_tell_from": [{"id": other, "left_out": meaning(other)} for other in effect.cannot_tell_from],
+    }
+
+
+def _figures(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    """One line for each signal, what was held out beside what was fitted."""
+    names = dict.fromkeys([*diagnosis.fit, *(name.removeprefix("held_out_") for name in diagnosis.held_out)])
+    return [_figure(name, diagnosis.fit.get(name), diagnosis.held_out.get(f"held_out_{name}")) for name in names]
+
+
+def _figure(name: str, fit: BeforeAfter | None, held_out: BeforeAfter | None = None) -> dict[str, str]:
+    """All of one line with as many places as the smallest needs for two digits."""
+    floors = [each.noise_floor for each in (fit, held_out) if each is not None and each.noise_floor is not None]
+    values = {
+        "before": fit.before if fit else nan,
+        "after": fit.after if fit else nan,
+        "noise_floor": floors[0] if floors else nan,
+        "held_out_before": held_out.before if held_out else nan,
+        "held_out_after": held_out.after if held_out else nan,
+    }
+    places = max((decimals(value, 2) for value in values.values()), default=0)
+    said = {key: rounded(value, min(max(places, 1), MOST_PLACES)) for key, value in values.items()}
+    return {"name": shown(name.removeprefix("rms_")), **said}
+
+
+def _rivals(rivals: Sequence[Rival]) -> tuple[list[dict[str, Any]], str]:
+    """The likeliest, with nothing missing and something unlisted in any case; and in words what the others come to."""
+    ranked = sorted(rivals, key=lambda rival: -rival.probability)
+    most = max((rival.log_evidence for rival in ranked), default=0.0)
+    kept = [r for place, r in enumerate(ranked) if r.ids in ((), ("unknown",)) or (place < SHOWN_RIVALS and r.probability >= NEGLIGIBLE)]
+    rest = [rival.probability for rival in ranked if rival not in kept]
+    others = f"{counted(len(rest), 'other')}, together {percent(sum(rest))}" if rest else ""
+    return [_rival(rival, most) for rival in kept], others
+
+
+def _rival(rival: Rival, most: float) -> dict[str, Any]:
+    return {
+        "name": hypothesis(rival.ids),
+        "probability": percent(rival.probability),
+        "bar": round(100.0 * rival.probability, 1),
+        "behind": significant(rival.log_evidence - most) if rival.log_evidence < most else "0",
+        "model_error": f"{significant(100.0 * rival.model_error, 2)} %",
+    }
+
+
+def _not_seen(one: NotSeen) -> dict[str, str]:
+    seen: Mapping[str, float] = one.would_have_seen or {}
+    return {"id": one.id, "left_out": meaning(one.id), "size": sizes(seen)}

@@ -1,0 +1,83 @@
+"""A diagnosis in at most fifteen lines of a terminal, verdict first."""
+
+import textwrap
+from collections.abc import Iterable, Sequence
+
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, NamedEffect, Value
+from rfca_rig.report.diagnosis_wording import SIGMA, chance, entries, percent, significant, verdict_probability, within_90
+from rfca_rig.report.named_units import words_and_unit
+from rfca_rig.report.wording import counted
+
+WIDTH = 80
+MOST_LINES = 15
+PLACES = 3  # of those located, the largest
+FIGURES = 3  # the forces; hinge angles stand on the page
+ASCII = str.maketrans(
+    {"\u00a0": " ", "\u2212": "-", "\u2013": "-", "±": "+-", "²": "2", "³": "3", SIGMA: "sigma"}
+)  # a console may know no more
+
+
+def terminal_lines(diagnosis: Diagnosis) -> list[str]:
+    """The lines, each at most 80 characters; what comes last gives way where there is too much to say."""
+    probability = verdict_probability(diagnosis)
+    verdict = diagnosis.verdict.upper() + (f" ({percent(probability)})" if probability is not None else "")
+    said = [(f"{verdict}: {diagnosis.sentence}", 3)]
+    said += [(text, 2) for text in _body(diagnosis)]
+    lines = [line for text, most in said for line in _wrapped(text, most)]
+    return lines[:MOST_LINES]
+
+
+def _body(diagnosis: Diagnosis) -> Iterable[str]:
+    yield from (_effect(effect) for effect in diagnosis.effects[:2])
+    yield from (_place(place) for place in sorted(diagnosis.located, key=lambda place: -place.sigmas)[:PLACES])
+    yield from _figures(diagnosis)
+    failed = [gate for gate in diagnosis.gates if not gate.passed]
+    if failed:
+        yield "gates failed: " + "; ".join(f"{gate.name} ({gate.found})" for gate in failed)
+    yield from (f"unexplained: {text}" for text in diagnosis.unexplained[:1])
+    yield from _looked_for(diagnosis)
+    if diagnosis.next_experiment:
+        yield "next: " + "; ".join(f"{name}: {text}" for name, text in entries(diagnosis.next_experiment))
+
+
+def _effect(effect: NamedEffect) -> str:
+    values = ", ".join(_measured(name, value) for name, value in effect.parameters.items())
+    others = f"; cannot be told from {', '.join(effect.cannot_tell_from)}" if effect.cannot_tell_from else ""
+    return f"{effect.id} ({percent(effect.probability)}): {values} (90 %){others}"
+
+
+def _measured(name: str, value: Value) -> str:
+    words, unit = words_and_unit(name)
+    return f"{words} {within_90(value)} {unit}".strip()
+
+
+def _place(place: Located) -> str:
+    size = f"{significant(place.size)} {place.unit}, {significant(place.sigmas, 2)} sigma"
+    where = f"{words_and_unit(place.signal)[0]}, {place.experiment}, {place.phase}"
+    return f"located: {where}: {size}, {counted(len(place.conditions), 'condition')}, p {chance(place.p_value)}"
+
+
+def _figures(diagnosis: Diagnosis) -> Iterable[str]:
+    for name, fit in list(diagnosis.fit.items())[:FIGURES]:
+        words, unit = words_and_unit(name)
+        held_out = diagnosis.held_out.get(f"held_out_{name}")
+        foretold = f"; held out {_change(held_out)}" if held_out else ""
+        floor = "" if fit.noise_floor is None else f" (noise {significant(fit.noise_floor, 2)})"
+        yield f"{words}: {_change(fit)} {unit}{floor}{foretold}"
+    if diagnosis.valley:
+        yield ", ".join(f"{words_and_unit(name)[0]} {_change(each)} %" for name, each in diagnosis.valley.items())
+
+
+def _change(figure: BeforeAfter) -> str:
+    return f"{significant(figure.before, 2)} -> {significant(figure.after, 2)}"
+
+
+def _looked_for(diagnosis: Diagnosis) -> Iterable[str]:
+    ruled_out = sum(one.would_have_seen is not None for one in diagnosis.not_seen)
+    if diagnosis.not_seen:
+        yield f"ruled out: {counted(ruled_out, 'effect')}; not tested by these data: {len(diagnosis.not_seen) - ruled_out}"
+
+
+def _wrapped(text: str, most: int) -> Sequence[str]:
+    one_line = " ".join(text.translate(ASCII).split())
+    return textwrap.wrap(one_line, WIDTH, subsequent_indent="  ", max_lines=most, placeholder=" ...")

@@ -1,0 +1,127 @@
+"""What a diagnosis says, in words and numbers for a reader."""
+
+from collections.abc import Mapping, Sequence
+from math import floor, isfinite, log10
+
+from rfca_rig.diagnosis.result import Diagnosis, Rival, Value
+from rfca_rig.model.catalogue import catalogue
+from rfca_rig.report.named_units import shown, words_and_unit
+from rfca_rig.report.wording import NO_BREAK, NOTHING, number
+
+STDS_90 = 1.645  # half of a 90 % interval of a normal distribution, in standard deviations
+SIGMA = "\u03c3"
+UNKNOWN = "unknown"
+UNLISTED = "something that the catalogue does not list"
+
+
+def significant(value: float | None, digits: int = 3) -> str:
+    """Rounded to so many digits, written out; an en dash for what is not known."""
+    if value is None or not isfinite(value):
+        return NOTHING
+    return rounded(value, decimals(value, digits))
+
+
+def decimals(size: float, digits: int) -> int:
+    """Places behind the point that show `size` with so many digits; negative where it ends before the point."""
+    return digits - 1 - floor(log10(abs(size))) if size and isfinite(size) else 0
+
+
+def rounded(value: float, places: int) -> str:
+    """With so many places behind the point; negative ones round to tens, hundreds."""
+    return number(round(value, places), max(places, 0)) if isfinite(value) else NOTHING
+
+
+def within_90(value: Value) -> str:
+    """Value ± half of the 90 % interval, both to the second digit of the latter; the value alone where nothing is known of its spread."""
+    half = STDS_90 * value.std
+    if not (isfinite(half) and half > 0.0 and isfinite(value.value)):
+        return significant(value.value, 4)
+    places = decimals(half, 2)
+    return f"{rounded(value.value, places)} ± {rounded(half, places)}"
+
+
+def percent(probability: float) -> str:
+    """A probability, never shown as certain."""
+    said = f"{100.0 * probability:.0f}"
+    if probability < 0.0005:
+        said = "< 0.1"
+    elif probability >= 0.9995:
+        said = "> 99.9"
+    elif not 0.01 <= probability < 0.99:
+        said = f"{100.0 * probability:.1f}"
+    return f"{said} %".replace(" ", NO_BREAK) if isfinite(probability) else NOTHING
+
+
+def chance(p_value: float) -> str:
+    """A p-value; below a thousandth only that."""
+    return "< 0.001" if p_value < 0.0005 else significant(p_value, 1 if p_value < 0.1 else 2)
+
+
+def meaning(effect_id: str) -> str:
+    """What a model without this effect lacks, in the catalogue's words; empty for an id that it does not hold."""
+    if effect_id == UNKNOWN:
+        return UNLISTED
+    effect = catalogue().get(effect_id)
+    return effect.left_out if effect else ""
+
+
+def hypothesis(ids: Sequence[str]) -> str:
+    """A rival's name."""
+    if not ids:
+        return "nothing missing"
+    return " and ".join(dict.fromkeys(UNLISTED if name == UNKNOWN else name for name in ids))
+
+
+def verdict_probability(diagnosis: Diagnosis) -> float | None:
+    """How probable it is that the verdict is right. None where nothing was weighed.
+
+    "Unexplained" says that something is missing, whatever it is: likeliest may well be an effect that failed a gate.
+    """
+    if diagnosis.verdict == "not enough data":
+        return None
+    if diagnosis.verdict == "named":
+        named = frozenset(effect.id for effect in diagnosis.effects)
+        return _of(diagnosis.rivals, named) or min((effect.probability for effect in diagnosis.effects), default=None)
+    nothing = _of(diagnosis.rivals, frozenset())
+    if diagnosis.verdict == "nothing missing" or not diagnosis.rivals:
+        return nothing
+    least = min(rival.probability for rival in diagnosis.rivals)  # only the likeliest are listed: what is not is no likelier
+    return 1.0 - (least if nothing is None else nothing)
+
+
+def _of(rivals: Sequence[Rival], ids: frozenset[str]) -> float | None:
+    return next((rival.probability for rival in rivals if frozenset(rival.ids) == ids), None)
+
+
+def sizes(values: Mapping[str, float]) -> str:
+    """As in "half gap 0.12 deg, rate 0.2 N/s"."""
+    return ", ".join(_size(name, value) for name, value in values.items())
+
+
+def _size(name: str, value: float) -> str:
+    words, unit = words_and_unit(name)
+    return f"{words} {significant(value)}{NO_BREAK}{unit.replace(' ', NO_BREAK)}".rstrip(NO_BREAK)
+
+
+def entries(values: Mapping[str, object]) -> list[tuple[str, str]]:
+    """(name in words, value in words) of what may be nested; a part of a part is named by both."""
+    found: list[tuple[str, str]] = []
+    for name, value in values.items():
+        if isinstance(value, Mapping) and value:
+            found += [(f"{shown(str(name))}: {inner}", text) for inner, text in entries(value)]
+        else:
+            found.append((shown(str(name)), plain(value)))
+    return found
+
+
+def plain(value: object) -> str:
+    """Any value as text: numbers to six digits, lists with commas."""
+    if value is None or (isinstance(value, Mapping) and not value):
+        return NOTHING
+    if isinstance(value, Mapping):
+        return "; ".join(f"{name} {text}" for name, text in entries(value))
+    if isinstance(value, bool | str):
+        return {True: "yes", False: "no"}[value] if isinstance(value, bool) else value
+    if isinstance(value, int | float):
+        return f"{value:.6g}".replace("-", "\u2212") if isfinite(value) else NOTHING
+    return ", ".join(plain(each) for each in value) if hasattr(value, "__iter__") else str(value)

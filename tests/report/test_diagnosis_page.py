@@ -1,0 +1,405 @@
+import json
+import re
+from dataclasses import replace
+from html import unescape
+
+import numpy as np
+import pytest
+
+from rfca_rig.diagnosis.result import (
+    BeforeAfter,
+    Cell,
+    Diagnosis,
+    Gate,
+    Located,
+    NamedEffect,
+    NotSeen,
+    Overlay,
+    Rival,
+    Value,
+)
+from rfca_rig.errors import RigError
+from rfca_rig.model.parameters import PresentEffect
+from rfca_rig.report.condition_grid import condition_grid
+from rfca_rig.report.diagnosis_files import write_diagnosis
+from rfca_rig.report.diagnosis_map import EDGES, band, maps_of
+from rfca_rig.report.diagnosis_page import page
+from rfca_rig.report.diagnosis_terminal import MOST_LINES, WIDTH, terminal_lines
+from rfca_rig.report.diagnosis_wording import UNLISTED, hypothesis, percent, significant, verdict_probability, within_90
+from rfca_rig.report.light_paths import with_light_paths
+from rfca_rig.report.named_units import shown
+from tests.model.legs import PAPER
+from tests.report.test_report import Outline
+
+HEIGHTS = ("195 mm", "215 mm", "235 mm")
+CONDITIONS = tuple(f"{height}, {speed} rad/s" for height in HEIGHTS for speed in ("2", "2.6", "3.3"))
+PHASES = {"rest": 0.4, "free": 0.9, "touchdown": 2.4, "loading": 9.0, "release": 4.0}
+STATIC_PHASES = {"unloading": 4.2, "loading": 6.5}
+SIZES = {"fy_N": 0.12, "fz_N": 0.34, "tx_Nm": 0.009, **{f"hinge{i}_deg": 0.2 for i in range(2, 8)}}
+OVERLAY_SIGNALS = {"fy_N": 4.0, "fz_N": -12.0, "tx_Nm": 0.4}
+KEYS = ["format", "verdict", "located", "effects", "not_seen", "fit", "unexplained", "next_experiment"]
+
+
+def cells():
+    flaps = [
+        Cell(signal, "dynamic", phase, condition, sigmas * SIZES[signal], sigmas * (1.0 + 0.06 * place))
+        for signal in ("fy_N", "fz_N", "tx_Nm")
+        for phase, sigmas in PHASES.items()
+        for place, condition in enumerate(CONDITIONS)
+    ]
+    stages = [
+        Cell(signal, "static", phase, height, sigmas * size, sigmas)
+        for signal, size in SIZES.items()
+        for phase, sigmas in STATIC_PHASES.items()
+        for height in HEIGHTS
+    ]
+    return (*flaps, *stages)
+
+
+def overlays():
+    t_s = np.linspace(-0.1, 1.2, 66)
+    pulse = np.exp(-(((t_s - 0.6) / 0.2) ** 2))
+    return tuple(
+        Overlay(condition, signal, t_s, size * pulse, 1.2 * size * pulse, 1.01 * size * pulse)
+        for signal, size in OVERLAY_SIGNALS.items()
+        for condition in CONDITIONS
+    )
+
+
+NAMED = Diagnosis(
+    title="Leg 4 on the bench, March",
+    verdict="named",
+    sentence="The hinges have play: the springs engage only beyond a gap of 1.10 ± 0.16 deg to either side.",
+    located=(
+        Located("fz_N", "dynamic", "loading", CONDITIONS, 3.08, "N", 11.0, 0.0002),
+        Located("tx_Nm", "dynamic", "loading", CONDITIONS[3:6], 0.081, "N m", 9.9, 0.001),
+        Located("hinge3_deg", "static", "loading", HEIGHTS[:2], 1.3, "deg", 6.5, 0.012),
+    ),
+    cells=cells(),
+    effects=(
+        NamedEffect(
+            "hinge_backlash",
+            "play before the spring engages",
+            0.968,
+            {"half_gap_deg": Value(1.1, 0.1)},
+            ("spring_hysteresis",),
+            "Law confirmed: one gap serves all conditions and all channels.",
+        ),
+    ),
+    gates=(
+        Gate("evidence", True, "log evidence 84.2 above that of nothing missing, 6.2 needed"),
+        Gate("each needed", True, "one effect only"),
+        Gate("one value in all conditions", True, "its size varies between conditions by 3 % at a guess"),
+        Gate("foretells", True, "left out in turn, 100 % of 12 conditions are foretold better; rms 4.12 -> 0.97"),
+        Gate("nothing left over", False, "what is left is like a model error of 2.3 %"),
+    ),
+    rivals=(
+        Rival(("hinge_backlash",), 0.968, -120.4, 0.008),
+        Rival(("hinge_backlash", "sensor_lag"), 0.021, -124.2, 0.008),
+        Rival(("unknown",), 0.0105, -125.0, 0.061),
+        Rival(("spring_hysteresis",), 0.0004, -128.1, 0.014),
+        Rival((), 0.0, -204.6, 0.029),
+    ),
+    not_seen=(
+        NotSeen("sensor_drift", {"rate_N_per_s": 0.2}),
+        NotSeen("spring_relaxation", {"strength_relative": 0.041, "time_constant_s": 0.3}),
+        NotSeen("ground_compliance", {"stiffness_N_per_m1p5": 43210.0}),
+        NotSeen("tip_mass", {"mass_g": 1.7}),
+        NotSeen("sensor_crosstalk", {"fz_per_fy": 0.013}),
+        NotSeen("motor_speed_ripple", None),
+        NotSeen("gravity_tilt", None),
+    ),
+    fit={
+        "rms_fy_N": BeforeAfter(1.08, 0.11, 0.07),
+        "rms_fz_N": BeforeAfter(3.2, 0.31, 0.2),
+        "rms_tx_Nm": BeforeAfter(0.081, 0.007, 0.004),
+        "rms_hinge3_deg": BeforeAfter(1.3, 0.22, 0.2),
+    },
+    held_out={
+        "held_out_rms_fy_N": BeforeAfter(1.1, 0.13, 0.07),
+        "held_out_rms_fz_N": BeforeAfter(3.3, 0.35, 0.2),
+        "held_out_rms_tx_Nm": BeforeAfter(0.084, 0.009, 0.004),
+    },
+    valley={"valley_time_error_pct": BeforeAfter(3.1, 0.4), "valley_force_error_pct": BeforeAfter(9.0, 0.6)},
+    unexplained=("fz in release at 235 mm, 3.3 rad/s: 0.6 N rms, 3.4 \u03c3",),
+    remarks=("Repeat 3 at 195 mm, 2 rad/s was left out: no contact.",),
+    next_experiment={
+        "what": "static stages with a weight that keeps the hinges preloaded",
+        "heights_mm": [195, 205],
+        "tells_apart": ["hinge_backlash"],
+    },
+    believed_values={"mass": Value(320.4, 1.1), "k0_relative": Value(0.012, 0.02), "friction_coefficient": Value(0.41, 0.0)},
+    overlays=overlays(),
+    settings={"model_error": 0.01, "priors": {"nothing missing": 0.5, "unknown": 0.1}, "seed": 7, "scatter": {"fz_N": 0.08}},
+    found_effects=(PresentEffect("hinge_backlash", (("half_gap_deg", 1.1),)),),
+    found_rig=PAPER,
+)
+NOTHING_MISSING = replace(
+    NAMED,
+    verdict="nothing missing",
+    sentence="The model agrees with everything recorded.",
+    located=(),
+    effects=(),
+    rivals=(Rival((), 0.913, -90.0, 0.007), Rival(("tip_mass",), 0.05, -93.0, 0.007)),
+    unexplained=(),
+)
+UNEXPLAINED = replace(NAMED, verdict="unexplained", sentence="Something is missing that has no name here.", found_effects=())
+TOO_LITTLE = replace(
+    NAMED,
+    verdict="not enough data",
+    sentence="Two conditions without repeats allow no answer.",
+    **dict.fromkeys(("located", "cells", "effects", "gates", "rivals", "not_seen", "unexplained", "overlays", "found_effects"), ()),
+    **{name: {} for name in ("fit", "held_out", "valley", "believed_values", "settings")},
+    next_experiment=None,
+)
+ALL = {"named": NAMED, "nothing missing": NOTHING_MISSING, "unexplained": UNEXPLAINED, "not enough data": TOO_LITTLE}
+
+
+def written_json(folder, diagnosis):
+    write_diagnosis(diagnosis, folder)
+    return json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
+
+
+def read(text):
+    """What a reader sees, words apart."""
+    body = re.sub(r"<[^>]*>", " ", text[text.index("<body>") :])
+    return " ".join(unescape(body).split()).replace(" .", ".").replace(" :", ":")
+
+
+@pytest.fixture(scope="module")
+def named_page():
+    return page(NAMED)
+
+
+def test_json_has_the_keys_that_other_programs_read(tmp_path):
+    document = written_json(tmp_path, NAMED)
+    assert list(document)[: len(KEYS)] == KEYS
+    assert (document["format"], document["verdict"]) == ("rfca-diagnosis/1", "named")
+    assert list(document["located"][0])[:7] == ["signal", "experiment", "phase", "conditions", "size", "unit", "p_value"]
+    assert document["located"][1]["conditions"] == list(CONDITIONS[3:6])
+    assert list(document["effects"][0])[:4] == ["id", "probability", "parameters", "cannot_tell_from"]
+    assert document["effects"][0]["parameters"] == {"half_gap_deg": {"value": 1.1, "std": 0.1}}
+    assert document["not_seen"][0] == {"id": "sensor_drift", "would_have_seen": {"rate_N_per_s": 0.2}}
+    assert document["not_tested"] == ["motor_speed_ripple", "gravity_tilt"]
+    assert document["fit"]["rms_fz_N"] == {"before": 3.2, "after": 0.31, "noise_floor": 0.2}
+    assert document["fit"]["held_out_rms_fz_N"] == {"before": 3.3, "after": 0.35, "noise_floor": 0.2}
+    assert document["fit"]["valley_time_error_pct"] == {"before": 3.1, "after": 0.4}
+    assert document["next_experiment"]["heights_mm"] == [195, 205]
+    assert document["rivals"][2]["ids"] == ["unknown"] and document["rivals"][4]["ids"] == []
+
+
+def test_what_is_not_known_is_null_and_never_nan(tmp_path):
+    nan = float("nan")
+    holes = replace(
+        NAMED,
+        cells=(Cell("fz_N", "dynamic", "free", CONDITIONS[0], nan, np.inf),),
+        fit={"rms_fz_N": BeforeAfter(3.2, nan, None)},
+        settings={"scatter": np.array([0.1, nan]), "seed": np.int64(7), "unset": None},
+        next_experiment=None,
+        overlays=(replace(NAMED.overlays[0], before=np.full(66, nan)),),
+    )
+    document = written_json(tmp_path, holes)
+    assert document["fit"]["rms_fz_N"] == {"before": 3.2, "after": None, "noise_floor": None}
+    assert document["settings"] == {"scatter": [0.1, None], "seed": 7, "unset": None}
+    assert (document["cells"][0]["size"], document["cells"][0]["sigmas"], document["next_experiment"]) == (None, None, None)
+    assert not re.search(r"\bnan\b|\binf\b|\bNone\b(?! proposed)", read(page(holes)))
+
+
+@pytest.mark.parametrize("verdict", ALL)
+def test_every_verdict_makes_a_whole_page_that_fetches_nothing(verdict):
+    text = page(ALL[verdict])
+    outline = Outline(text)
+    assert all(link.startswith("#") and link[1:] in outline.ids for link in outline.fetched)
+    assert len(outline.ids) == len(set(outline.ids)), "two pictures must not share a clip path"
+    assert not re.search(r"https?:|url\((?!#)|@import", text)
+    assert verdict in outline.text and ALL[verdict].sentence.split(" ")[-1] in outline.text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "probability"), [("named", 0.968), ("nothing missing", 0.913), ("unexplained", 1.0), ("not enough data", None)]
+)
+def test_the_headline_has_the_probability_of_what_it_says(verdict, probability):
+    assert verdict_probability(ALL[verdict]) == probability
+
+
+def test_nothing_missing_that_is_not_even_listed_counts_as_the_last_that_is():
+    assert verdict_probability(replace(UNEXPLAINED, rivals=UNEXPLAINED.rivals[:2])) == pytest.approx(1.0 - 0.021)
+
+
+@pytest.mark.parametrize(
+    ("ids", "said"),
+    [((), "nothing missing"), (("unknown", "unknown"), UNLISTED), (("tip_mass", "unknown"), f"tip_mass and {UNLISTED}")],
+)
+def test_rivals_have_names(ids, said):
+    assert hypothesis(ids) == said
+
+
+def test_the_page_says_everything_once_needed(named_page):
+    text = read(named_page)
+    for said in (
+        "97 % probability that this is it",
+        "half gap 1.10 ± 0.16 deg",
+        "cannot tell it from spring_hysteresis (rate-independent loop of the spring (Bouc-Wen))",
+        "all 9",
+        "fz, N 3.20 0.31 3.30 0.35 0.20",
+        "failed nothing left over: what is left is like a model error of 2.3 %",
+        "sensor_drift: rate 0.200 N/s",
+        "stiffness 43200 N/m^1.5",
+        "Not tested",
+        "motor_speed_ripple",
+        "valley time error, % 3.10 0.40",
+        "heights, mm 195, 205",
+        "priors: nothing missing 0.5",
+        "Repeat 3 at 195 mm, 2 rad/s was left out",
+        "something that the catalogue does not list",
+        "3.4 \u03c3",
+    ):
+        assert said in text, said
+
+
+def test_a_title_is_text_and_never_markup():
+    nasty = "<b>&\"leg'"
+    overlay = replace(NAMED.overlays[0], condition=nasty, signal="<i>_N")
+    text = page(
+        replace(
+            NAMED, title=nasty, sentence=nasty, overlays=(overlay,), remarks=(nasty,), cells=(replace(NAMED.cells[0], condition=nasty),)
+        )
+    )
+    Outline(text)
+    assert "<b>&" not in text and "<i>" not in text
+    assert "&lt;b&gt;&amp;" in text
+
+
+def test_the_same_diagnosis_gives_the_same_bytes(tmp_path):
+    for folder in ("one", "two"):
+        write_diagnosis(NAMED, tmp_path / folder)
+    assert sorted(file.name for file in (tmp_path / "one").iterdir()) == ["diagnosis.html", "diagnosis.json"]
+    for name in ("diagnosis.html", "diagnosis.json"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+def test_the_page_is_light(named_page):
+    assert len(named_page.encode()) < 150_000
+
+
+def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RigError, match="--out"):
+        write_diagnosis(TOO_LITTLE, tmp_path / "file" / "below")
+
+
+@pytest.mark.parametrize("diagnosis", ALL.values(), ids=ALL)
+def test_the_terminal_gets_few_short_plain_lines_with_the_verdict_first(diagnosis):
+    lines = terminal_lines(diagnosis)
+    assert 1 <= len(lines) <= MOST_LINES
+    assert all(len(line) <= WIDTH and line.isascii() for line in lines)
+    assert lines[0].startswith(diagnosis.verdict.upper())
+
+
+def test_the_terminal_names_effect_size_and_place():
+    said = " ".join(" ".join(terminal_lines(NAMED)).split())
+    for part in (
+        "NAMED (97 %)",
+        "hinge_backlash (97 %): half gap 1.10 +- 0.16 deg (90 %)",
+        "fz, dynamic, loading: 3.08 N, 11 sigma, 9 conditions, p < 0.001",
+        "held out 3.3 -> 0.35",
+        "gates failed: nothing left over",
+    ):
+        assert part in said
+
+
+def test_the_map_nests_heights_and_speeds_and_frames_what_was_located():
+    dynamic, static = maps_of(NAMED)
+    assert dynamic.phases == tuple(PHASES) and dynamic.columns == ("2", "2.6", "3.3") and dynamic.corner == "rad/s"
+    assert [len(rows) for _, rows in dynamic.signals] == [3, 3, 3]
+    tx = dict(dynamic.signals)["tx, N m"]
+    framed = [(row.label, place) for row in tx for place, shade in enumerate(row.shades) if shade.located]
+    assert framed == [("215 mm", 9), ("215 mm", 10), ("215 mm", 11)], "loading is the fourth phase of three columns each"
+    assert tx[1].shades[9].text == "0.081" and tx[1].shades[9].sigmas == "11"
+    assert static.phases == ("loading", "unloading") and static.columns == ("195", "215", "235")
+
+
+def test_a_place_without_a_recording_stays_empty():
+    here, *others = [cell for cell in NAMED.cells if cell.signal == "fz_N" and cell.experiment == "dynamic"]
+    (only,) = maps_of(replace(NAMED, cells=tuple(others)))
+    first = only.signals[0][1][0].shades
+    assert (here.phase, first[0].text, first[1].text != "") == ("rest", "", True)
+
+
+@pytest.mark.parametrize(
+    ("conditions", "rows", "columns"),
+    [
+        (CONDITIONS, 3, 3),
+        (CONDITIONS[:1], 1, 1),
+        (HEIGHTS, 1, 3),
+        ([f"215 mm, {speed} rad/s" for speed in range(9)], 9, 1),
+        ([f"{190 + speed} mm, {speed} rad/s" for speed in range(9)], 9, 1),
+    ],
+)
+def test_every_condition_has_one_place_in_the_grid(conditions, rows, columns):
+    grid = condition_grid(conditions, 5)
+    assert (len(grid.rows), len(grid.columns)) == (rows, columns)
+    assert sorted(grid.at.values()) == sorted(conditions)
+    assert all(row in grid.rows and column in grid.columns for row, column in grid.at)
+
+
+def test_light_paths_end_where_the_heavy_ones_did():
+    rng = np.random.default_rng(3)
+    points = np.round(300.0 + np.cumsum(rng.uniform(-3.0, 3.0, (60, 2)), axis=0), 1)
+    heavy = " \n".join(f"{'M' if place in (0, 30) else 'L'} {x:.1f} {y:.1f}" for place, (x, y) in enumerate(points))
+    light = with_light_paths(f'<path d="{heavy} "/>')
+    assert len(light) < 0.7 * len(heavy)
+    back = []
+    for piece in re.findall(r"M[^M\"]*", light):
+        numbers = [float(number) for number in re.findall(r"-?(?:\d+\.?\d*|\.\d+)", piece)]
+        back.append(np.cumsum(np.reshape(numbers, (-1, 2)), axis=0))
+    assert np.concatenate(back) == pytest.approx(points, abs=1e-6)
+    assert with_light_paths('<path d="M 1.0 2.0 L 3.0 4.0"/>') == '<path d="M 1.0 2.0 L 3.0 4.0"/>'
+
+
+def test_bands_begin_at_their_edges():
+    assert [band(edge) for edge in EDGES] == [1, 2, 3, 4]
+    assert [band(edge - 1e-9) for edge in EDGES] == [0, 1, 2, 3]
+    assert band(float("nan")) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("half_gap_deg", "half gap, deg"),
+        ("coefficient_Nm_s_per_rad", "coefficient, N m s/rad"),
+        ("stiffness_N_per_m1p5", "stiffness, N/m^1.5"),
+        ("coefficient_N_s2_per_m3", "coefficient, N s²/m³"),
+        ("inertia_kg_m2", "inertia, kg m²"),
+        ("k2_per_rad2", "k2, 1/rad²"),
+        ("speed_m_s", "speed, m/s"),
+        ("cycles_per_turn", "cycles per turn"),
+        ("fz_per_fy", "fz per fy"),
+        ("strength_relative", "strength, relative"),
+        ("hinge3_deg", "hinge 3, deg"),
+        ("valley_time_error_pct", "valley time error, %"),
+        ("slope", "slope"),
+        ("s", "s"),
+    ],
+)
+def test_names_are_read_with_their_units(name, said):
+    assert shown(name) == said
+
+
+def test_numbers_show_what_is_known_of_them():
+    assert within_90(Value(94321.0, 4000.0)) == "94300 ± 6600"
+    assert within_90(Value(4.0, 0.0)) == "4.000"
+    assert (significant(0.04321), significant(1234.5), significant(-0.5), significant(None), significant(0.0)) == (
+        "0.0432",
+        "1230",
+        "\u22120.500",
+        "\u2013",
+        "0",
+    )
+    assert [percent(p).replace("\u00a0", " ") for p in (1.0, 0.9949, 0.968, 0.004, 0.0)] == [
+        "> 99.9 %",
+        "99.5 %",
+        "97 %",
+        "0.4 %",
+        "< 0.1 %",
+    ]
