@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.coordinates import Coordinates
-from rfca_rig.diagnosis.covariance import discrepancy, whitening_of
+from rfca_rig.diagnosis.covariance import discrepancy, factored
 from rfca_rig.diagnosis.evidence import evidence_of
 from rfca_rig.diagnosis.linear import Linear, posterior_of
 from rfca_rig.diagnosis.stages import HOLD_S, StageTable
@@ -32,5 +32,5 @@ def _log_evidence(tables: Sequence[StageTable], coordinates: Coordinates, x: Flo
     if here is None:
         return -np.inf
     slope = np.column_stack([np.zeros(len(here)) if m is None else (m - here) / STEP for m in moved])
-    whitening = whitening_of(rows, np.empty((len(here), 0)), discrepancy(rows), MODEL_ERROR)
+    whitening = factored(np.diag(rows.noise**2) + MODEL_ERROR**2 * discrepancy(rows))
     return posterior_of(Linear(rows.measured - here + slope @ x, slope), whitening).log_evidence

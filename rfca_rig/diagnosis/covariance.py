@@ -1,18 +1,20 @@
 """How far model and recording may lie apart before something is missing: noise, what differs from stroke to stroke, a model that is a
 little wrong everywhere.
 
-    C = diag(noise^2) + B B^T + s^2 K
+    C(s) = D + s^2 K,   D = diag(noise^2) + B B^T
 
 B holds what one standard deviation of each scattering quantity does, drawn anew for every condition. K is the covariance of a smooth
 discrepancy in proportion to the signal's size, alike in part between conditions (Kennedy and O'Hagan, J. R. Statist. Soc. B 63 (2001)
-425); s is its size, integrated over when hypotheses are compared.
+425); s is its size, integrated over when hypotheses are compared. One basis makes D the identity and K diagonal, so that all s come at
+the price of one.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import cholesky, eigh, solve_triangular
 
 from rfca_rig.diagnosis.rows import Rows
 
@@ -23,17 +25,70 @@ SHARED = 0.5  # correlation of the discrepancy between conditions
 FLOOR = 1e-3  # of the discrepancy's variance is not smooth
 
 
-@dataclass(frozen=True)
-class Whitening:
-    """The lower Cholesky factor of C at one s, and the log of the determinant of C."""
+class Whitening(Protocol):
+    """Turns deviations of covariance C into independent ones of variance 1."""
 
-    s: float
-    factor: Floats
-    log_det: float
+    @property
+    def log_det(self) -> float:
+        """Log of the determinant of C."""
+        ...
 
     def __call__(self, values: Floats) -> Floats:
-        """L^-1 values, of rows (m,) or columns (m, p)."""
+        """Of rows (m,) or columns (m, p)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Factored:
+    """The whitening of a covariance given by its lower Cholesky factor."""
+
+    factor: Floats
+
+    @property
+    def log_det(self) -> float:
+        return 2.0 * float(np.log(np.diag(self.factor)).sum())
+
+    def __call__(self, values: Floats) -> Floats:
         return np.asarray(solve_triangular(self.factor, values, lower=True, check_finite=False))
+
+
+def factored(covariance: Floats) -> Factored:
+    """The whitening of this covariance (m, m)."""
+    return Factored(cholesky(covariance, lower=True, check_finite=False))
+
+
+@dataclass(frozen=True)
+class Basis:
+    """`turn` (m, m) with turn D turn^T = 1 and turn K turn^T = diag(`strength`); `back` is its inverse; log of the determinant of D."""
+
+    turn: Floats
+    back: Floats
+    strength: Floats
+    log_det: float
+
+
+@dataclass(frozen=True)
+class AtError:
+    """The whitening of C(s)."""
+
+    basis: Basis
+    s: float
+
+    @property
+    def log_det(self) -> float:
+        return self.basis.log_det + float(np.log1p(self.s**2 * self.basis.strength).sum())
+
+    def __call__(self, values: Floats) -> Floats:
+        return self.scaled(self.basis.turn @ values)
+
+    def scaled(self, turned: Floats) -> Floats:
+        """The same of values that were turned into the basis already."""
+        scale = 1.0 / np.sqrt(1.0 + self.s**2 * self.basis.strength)
+        return turned * (scale if turned.ndim == 1 else scale[:, None])
+
+    def covariance(self) -> Floats:
+        """C(s), (m, m)."""
+        return (self.basis.back * (1.0 + self.s**2 * self.basis.strength)) @ self.basis.back.T
 
 
 def discrepancy(rows: Rows) -> Floats:
@@ -47,8 +102,11 @@ def discrepancy(rows: Rows) -> Floats:
     return np.asarray(rows.scale[:, None] * smooth * rows.scale + np.diag(FLOOR * rows.scale**2 + rows.jolt**2))
 
 
-def whitening_of(rows: Rows, scatter: Floats, kernel: Floats, s: float) -> Whitening:
-    """The whitening at s; `scatter` (m, k) as B, `kernel` from `discrepancy`."""
-    covariance = s**2 * kernel + scatter @ scatter.T + np.diag(rows.noise**2)
-    factor = cholesky(covariance, lower=True, overwrite_a=True, check_finite=False)
-    return Whitening(s, factor, 2.0 * float(np.log(np.diag(factor)).sum()))
+def basis_of(rows: Rows, scatter: Floats) -> Basis:
+    """The basis of these rows; `scatter` (m, k) is B."""
+    root = cholesky(scatter @ scatter.T + np.diag(rows.noise**2), lower=True, check_finite=False)
+    half = solve_triangular(root, discrepancy(rows), lower=True, check_finite=False)
+    inside = solve_triangular(root, half.T, lower=True, check_finite=False)
+    strength, vectors = eigh(0.5 * (inside + inside.T), check_finite=False, driver="evd")
+    turn = solve_triangular(root, vectors, lower=True, trans="T", check_finite=False).T
+    return Basis(np.ascontiguousarray(turn), root @ vectors, np.maximum(strength, 0.0), 2.0 * float(np.log(np.diag(root)).sum()))

@@ -98,7 +98,9 @@ def _simplest(found: Found, candidates: int) -> Hypothesis | None:
 def _class_of(found: Found, best: Hypothesis, number: int) -> tuple[str, ...]:
     """The effects that could stand in the place of one of the hypothesis's, the others kept."""
     others = set(best.ids) - {best.ids[number]}
-    same_size = [h for h in found.named if len(h.ids) == len(best.ids) and others < set(h.ids) | {best.ids[number]} and others <= set(h.ids)]
+    same_size = [
+        h for h in found.named if len(h.ids) == len(best.ids) and others < set(h.ids) | {best.ids[number]} and others <= set(h.ids)
+    ]
     good = [h for h in same_size if h.judgement.log_evidence > best.judgement.log_evidence - AS_GOOD]
     names = {name for h in good for name in h.ids if name not in others and name != best.ids[number]}
     return tuple(sorted(names))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.coordinates import FARTHEST, Coordinates
-from rfca_rig.diagnosis.covariance import Whitening
+from rfca_rig.diagnosis.covariance import AtError, Whitening
 from rfca_rig.diagnosis.evidence import Evidence
 from rfca_rig.diagnosis.judging import Judge
 from rfca_rig.diagnosis.linear import Linear, posterior_of
@@ -83,7 +83,7 @@ class Descent:
     def _log_evidence(self, fitted: Fitted) -> float:
         return self.judge.judged(fitted.linear(self.evidence.rows.measured)).log_evidence
 
-    def _down(self, here: Fitted, whitening: Whitening) -> Fitted:
+    def _down(self, here: Fitted, whitening: AtError) -> Fitted:
         for _ in range(ROUNDS):
             there = self._stepped(here, whitening)
             if there is None:

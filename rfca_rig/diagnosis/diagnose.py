@@ -18,8 +18,8 @@ from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.search import Found, Progress, searched
 from rfca_rig.diagnosis.stages import HOLD_S, StageTable, stage_tables
 from rfca_rig.diagnosis.strokes import FlapCondition, flap_condition, turn_of
-from rfca_rig.diagnosis.turns import ShaftCondition, shaft_condition, turns_as_commanded
 from rfca_rig.diagnosis.summing_up import summed_up
+from rfca_rig.diagnosis.turns import ShaftCondition, shaft_condition, turns_as_commanded
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import Effect
@@ -130,5 +130,7 @@ def _drive(body: Body, leg: Found, progress: Progress) -> Found:
         rig = replace(supposed.rig, drive=replace(supposed.rig.drive, holds_start=holds_start))
         space = nuisances_of(rig, {"friction_coefficient": 0.01, "height_mm": 0.1}, 0.0)
         space = replace(space, centre=replace(supposed, rig=rig, turn_offset_rad=0.0))
-        found.append(searched(evidence, Coordinates(space), effects, lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share)))
+        found.append(
+            searched(evidence, Coordinates(space), effects, lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share))
+        )
     return max(found, key=lambda one: max((h.log_joint for h in one.named), default=-np.inf))

@@ -17,7 +17,7 @@ from rfca_rig.errors import BadInput, SimulationFailed
 
 Floats = NDArray[np.float64]
 
-THREADS = os.cpu_count() or 1
+THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Part(Protocol):

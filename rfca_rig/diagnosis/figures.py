@@ -10,9 +10,8 @@ from rfca_rig.analysis.counterpart import GRID_S, LONGER
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.valley import Valley, find_valley
-from rfca_rig.diagnosis.covariance import Whitening
-from rfca_rig.diagnosis.linear import Linear, posterior_of
-from rfca_rig.diagnosis.locating import usual_covariance
+from rfca_rig.diagnosis.covariance import factored
+from rfca_rig.diagnosis.linear import posterior_of
 from rfca_rig.diagnosis.result import BeforeAfter, Overlay
 from rfca_rig.diagnosis.search import Found, Hypothesis
 from rfca_rig.diagnosis.strokes import FORCES, FlapCondition
@@ -43,7 +42,7 @@ def held_out(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
     dynamic = sorted({int(c) for c in rows.condition[rows.experiment == "dynamic"]})
     if len(dynamic) < 2:
         return {}
-    covariance = usual_covariance(found.judge)
+    covariance = found.judge.usual.covariance()
     before = _foretold_apart(found, found.nothing, covariance, dynamic)
     after = _foretold_apart(found, accepted, covariance, dynamic)
     floor = np.sqrt(rows.noise**2 + (found.scatter.columns**2).sum(axis=1))
@@ -61,8 +60,7 @@ def _foretold_apart(found: Found, hypothesis: Hypothesis, covariance: Floats, co
     apart = np.zeros(len(rows.measured))
     for condition in conditions:
         out = rows.condition == condition
-        factor = np.linalg.cholesky(covariance[np.ix_(~out, ~out)])
-        mean = posterior_of(Linear(linear.target[~out], linear.slope[~out]), Whitening(0.0, factor, 0.0)).mean
+        mean = posterior_of(linear.kept(~out), factored(covariance[np.ix_(~out, ~out)])).mean
         apart[out] = linear.target[out] - linear.slope[out] @ mean
     return apart
 
@@ -81,14 +79,20 @@ def valley_errors(flaps: Sequence[FlapCondition], believed: Supposed, after: Sup
     if not whole:
         return {}
     return {
-        "valley_time_error_pct": BeforeAfter(_error([(b.time_s, m.time_s) for m, b, _ in whole]), _error([(a.time_s, m.time_s) for m, _, a in whole])),
-        "valley_force_error_pct": BeforeAfter(_error([(b.fz_N, m.fz_N) for m, b, _ in whole]), _error([(a.fz_N, m.fz_N) for m, _, a in whole])),
+        "valley_time_error_pct": BeforeAfter(
+            _error([(b.time_s, m.time_s) for m, b, _ in whole]), _error([(a.time_s, m.time_s) for m, _, a in whole])
+        ),
+        "valley_force_error_pct": BeforeAfter(
+            _error([(b.fz_N, m.fz_N) for m, b, _ in whole]), _error([(a.fz_N, m.fz_N) for m, _, a in whole])
+        ),
     }
 
 
 def _valley(flap: FlapCondition, supposed: Supposed, commanded: bool) -> Valley | Refused:
-    t_s = GRID_S * np.arange(0, int(LONGER * flap.phases.valley_s / GRID_S))
+    t_s = GRID_S * np.arange(0, int(LONGER * flap.phases.valley_s / GRID_S), dtype=np.float64)
     turn = replace(flap.turn, recorded=None) if commanded else flap.turn
+    if supposed.rig.effects and commanded:
+        turn = replace(turn, start_rad=None)  # a drive at fault leaves its start by itself
     try:
         motion = turn.motion(supposed, float(t_s[-1]))
         stroke = stroke_following(supposed.rig, flap.height_m + supposed.height_offset_m, motion, t_s)

@@ -1,12 +1,11 @@
 """What a hypothesis must stand before its name is printed. A relative probability alone can never say "none of these"."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.covariance import Whitening
+from rfca_rig.diagnosis.covariance import factored
 from rfca_rig.diagnosis.linear import Linear, posterior_of
 from rfca_rig.diagnosis.result import Gate
 from rfca_rig.diagnosis.search import Found, Hypothesis
@@ -91,7 +90,9 @@ def _foretold(found: Found, best: Hypothesis) -> Gate:
     enough = float(gains.mean()) > float(gains.std(ddof=1)) / np.sqrt(len(gains))
     share = float(np.mean(gains > 0.0))
     none_worse = bool((-gains <= floor).all())
-    text = f"left out in turn, {100 * share:.0f} % of {len(gains)} conditions are foretold better; rms {before.mean():.2f} -> {after.mean():.2f}"
+    text = (
+        f"{100 * share:.0f} % of {len(gains)} conditions are foretold better from the others; rms {before.mean():.2f} -> {after.mean():.2f}"
+    )
     return Gate("foretells", enough and share >= MOST_IMPROVE and none_worse, text + " of what a usual model error explains")
 
 
@@ -99,17 +100,14 @@ def left_out(found: Found, hypothesis: Hypothesis) -> Floats:
     """Rms of each condition's misfit in units of noise and usual model error, when it is foretold from all others, (conditions,)."""
     rows = found.evidence.rows
     linear = hypothesis.fitted.linear(rows.measured)
-    usual = min(found.judge.named, key=lambda whitening: abs(whitening.s - 0.01))
-    covariance = usual.factor @ usual.factor.T
+    covariance = found.judge.usual.covariance()
     std = np.sqrt(np.diag(covariance))
     return np.array([_foretelling(linear, covariance, std, rows.condition == c) for c in range(int(rows.condition.max()) + 1)])
 
 
 def _foretelling(linear: Linear, covariance: Floats, std: Floats, out: NDArray[np.bool_]) -> float:
     kept = ~out
-    factor = np.linalg.cholesky(covariance[np.ix_(kept, kept)])
-    whitening = Whitening(0.0, factor, 0.0)
-    mean = posterior_of(Linear(linear.target[kept], linear.slope[kept]), whitening).mean
+    mean = posterior_of(linear.kept(kept), factored(covariance[np.ix_(kept, kept)])).mean
     apart = (linear.target[out] - linear.slope[out] @ mean) / std[out]
     return float(np.sqrt(np.mean(apart**2)))
 

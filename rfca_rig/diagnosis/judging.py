@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from rfca_rig.diagnosis.covariance import Whitening, discrepancy, whitening_of
-from rfca_rig.diagnosis.linear import Linear, Posterior, posterior_of
+from rfca_rig.diagnosis.covariance import AtError, basis_of
+from rfca_rig.diagnosis.linear import Linear, Posterior, posteriors_of
 from rfca_rig.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
@@ -24,15 +24,15 @@ class Judgement:
     log_evidence: float
     error: float
     posterior: Posterior
-    whitening: Whitening
+    whitening: AtError
 
 
 @dataclass(frozen=True)
 class Judge:
     """Whitenings over the plausible errors of a model that lacks nothing, and of one that something unlisted is missing from."""
 
-    named: tuple[Whitening, ...]
-    unknown: tuple[Whitening, ...]
+    named: tuple[AtError, ...]
+    unknown: tuple[AtError, ...]
 
     def judged(self, linear: Linear, loose: Floats | None = None) -> Judgement:
         """The hypothesis whose linear model this is, as if nothing else were missing; `loose` as in `linear.posterior_of`."""
@@ -43,21 +43,26 @@ class Judge:
         """The same with something unlisted in it."""
         return _integrated(self.unknown, np.full(len(self.unknown), -np.log(len(self.unknown))), linear, None)
 
-    def level(self, linear: Linear) -> Whitening:
+    def level(self, linear: Linear) -> AtError:
         """The whitening under which this linear model is likeliest: what its misfit really is."""
         every = (*self.named, *self.unknown[1:])
-        return max(every, key=lambda whitening: posterior_of(linear, whitening).log_evidence)
+        logs = [posterior.log_evidence for posterior in posteriors_of(linear, every)]
+        return every[int(np.argmax(logs))]
+
+    @property
+    def usual(self) -> AtError:
+        """The whitening at the usual model error."""
+        return min(self.named, key=lambda whitening: abs(whitening.s - USUAL_ERROR))
 
 
 def judge_of(rows: Rows, scatter: Floats) -> Judge:
     """The judge of these rows; `scatter` (m, k) as B in `covariance`."""
-    kernel = discrepancy(rows)
-    named = tuple(whitening_of(rows, scatter, kernel, s) for s in NAMED_ERRORS)
-    return Judge(named, tuple(whitening_of(rows, scatter, kernel, s) for s in UNKNOWN_ERRORS))
+    basis = basis_of(rows, scatter)
+    return Judge(tuple(AtError(basis, s) for s in NAMED_ERRORS), tuple(AtError(basis, s) for s in UNKNOWN_ERRORS))
 
 
-def _integrated(whitenings: tuple[Whitening, ...], log_weights: Floats, linear: Linear, loose: Floats | None) -> Judgement:
-    found = [posterior_of(linear, whitening, loose) for whitening in whitenings]
+def _integrated(whitenings: tuple[AtError, ...], log_weights: Floats, linear: Linear, loose: Floats | None) -> Judgement:
+    found = posteriors_of(linear, whitenings, loose)
     logs = np.array([posterior.log_evidence for posterior in found]) + log_weights
     total = float(logsumexp(logs))
     best = int(np.argmax(logs))

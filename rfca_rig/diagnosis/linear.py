@@ -1,4 +1,4 @@
-"""Bayes' rule where the model is linear near its best point (Laplace): evidence, posterior, and what leaving a condition out would do.
+"""Bayes' rule where the model is linear near its best point (Laplace): evidence, posterior, and what leaving rows out would do.
 
 With y measured, f the model at x0 and J its slope there, r = y - f + J x0 is normal with mean J x, and x standard normal before the data.
 """
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.covariance import Whitening
+from rfca_rig.diagnosis.covariance import AtError, Whitening
 
 Floats = NDArray[np.float64]
 
@@ -19,6 +19,10 @@ class Linear:
 
     target: Floats
     slope: Floats
+
+    def kept(self, rows: NDArray[np.bool_]) -> "Linear":
+        """The same for some rows only."""
+        return Linear(self.target[rows], self.slope[rows])
 
 
 @dataclass(frozen=True)
@@ -31,29 +35,40 @@ class Posterior:
     chi2: float
 
 
-def posterior_of(linear: Linear, whitening: Whitening, loose: Floats | None = None) -> Posterior:
-    """The posterior under C; `loose` (m, k) are further directions in which the data may vary by one standard deviation each."""
-    target, slope = whitening(linear.target), whitening(linear.slope)
-    log_det = whitening.log_det
-    if loose is not None and loose.size:
-        target, slope, log_det = _loosened(target, slope, whitening(loose), log_det)
-    return _solved(target, slope, log_det)
+def posterior_of(linear: Linear, whitening: Whitening) -> Posterior:
+    """The posterior under the covariance that this whitens."""
+    return _solved(whitening(linear.target), whitening(linear.slope), whitening.log_det)
+
+
+def posteriors_of(linear: Linear, whitenings: tuple[AtError, ...], loose: Floats | None = None) -> list[Posterior]:
+    """The same at several model errors of one basis.
+
+    `loose` (m, k) are further directions in which the data may vary by one standard deviation each.
+    """
+    turn = whitenings[0].basis.turn
+    target, slope = turn @ linear.target, turn @ linear.slope
+    directions = None if loose is None or not loose.size else turn @ loose
+    found = []
+    for whitening in whitenings:
+        parts = whitening.scaled(target), whitening.scaled(slope), whitening.log_det
+        found.append(_solved(*(parts if directions is None else _loosened(*parts, whitening.scaled(directions)))))
+    return found
 
 
 def _solved(target: Floats, slope: Floats, log_det: float) -> Posterior:
     precision = slope.T @ slope + np.eye(slope.shape[1])
-    covariance = np.linalg.inv(precision)
-    mean = covariance @ (slope.T @ target)
+    covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
+    mean = np.asarray(covariance @ (slope.T @ target))
     rest = target - slope @ mean
     chi2 = float(rest @ rest)
     sign_log = float(np.linalg.slogdet(precision)[1])
     return Posterior(mean, covariance, -0.5 * (chi2 + float(mean @ mean) + log_det + sign_log), chi2)
 
 
-def _loosened(target: Floats, slope: Floats, loose: Floats, log_det: float) -> tuple[Floats, Floats, float]:
+def _loosened(target: Floats, slope: Floats, log_det: float, loose: Floats) -> tuple[Floats, Floats, float]:
     """Whitens once more, for C + V V^T: with V = U S W^T every direction of U shrinks by 1 / sqrt(1 + S^2)."""
     directions, size, _ = np.linalg.svd(loose, full_matrices=False)
     shrink = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
     target = target - directions @ (shrink * (directions.T @ target))
     slope = slope - directions @ (shrink[:, None] * (directions.T @ slope))
-    return target, slope, log_det + float(np.log1p(size**2).sum())
+    return np.asarray(target), np.asarray(slope), log_det + float(np.log1p(size**2).sum())

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import chi2
 
+from rfca_rig.diagnosis.covariance import factored
 from rfca_rig.diagnosis.descent import Fitted
-from rfca_rig.diagnosis.judging import USUAL_ERROR, Judge
+from rfca_rig.diagnosis.judging import Judge
 from rfca_rig.diagnosis.linear import Linear, posterior_of
-from rfca_rig.diagnosis.covariance import Whitening
 from rfca_rig.diagnosis.result import Cell, Located
 from rfca_rig.diagnosis.rows import Rows
 
@@ -32,18 +32,11 @@ class _Tested:
 
 def located(rows: Rows, believed: Fitted, judge: Judge) -> tuple[tuple[Cell, ...], tuple[Located, ...]]:
     """The whole map, and the places where chance and all allowances do not explain the difference, worst first."""
-    covariance = usual_covariance(judge) + believed.slope @ believed.slope.T
+    covariance = judge.usual.covariance() + believed.slope @ believed.slope.T
     apart = rows.measured - believed.predicted
-    cells = _cells(rows)
-    tested = [_tested(rows, apart, covariance, cell) for cell in cells]
+    tested = [_tested(rows, apart, covariance, cell) for cell in _cells(rows)]
     corrected = _holm(np.array([t.p_value for t in tested]))
-    return tuple(t.cell for t in tested), _pooled(tested, corrected, rows)
-
-
-def usual_covariance(judge: Judge) -> Floats:
-    """C (m, m) at the usual model error."""
-    factor = min(judge.named, key=lambda whitening: abs(whitening.s - USUAL_ERROR)).factor
-    return np.asarray(factor @ factor.T)
+    return tuple(t.cell for t in tested), _pooled(tested, corrected)
 
 
 def lone_channel(rows: Rows, nothing: Fitted, judge: Judge) -> str | None:
@@ -51,7 +44,7 @@ def lone_channel(rows: Rows, nothing: Fitted, judge: Judge) -> str | None:
 
     A sensor at fault changes its own channel and leaves the motion alone; a force that acts on the leg shows in all.
     """
-    covariance = usual_covariance(judge)
+    covariance = judge.usual.covariance()
     linear = nothing.linear(rows.measured)
     everything = np.ones(len(rows.measured), dtype=bool)
     if _misfit(linear, covariance, everything) < DEPARTS:
@@ -65,8 +58,7 @@ DEPARTS, AGREES = 1.6, 1.2  # mean square over what is expected
 
 
 def _misfit(linear: Linear, covariance: Floats, kept: NDArray[np.bool_]) -> float:
-    factor = np.linalg.cholesky(covariance[np.ix_(kept, kept)])
-    found = posterior_of(Linear(linear.target[kept], linear.slope[kept]), Whitening(0.0, factor, 0.0))
+    found = posterior_of(linear.kept(kept), factored(covariance[np.ix_(kept, kept)]))
     return found.chi2 / int(kept.sum())
 
 
@@ -93,13 +85,12 @@ def _holm(p_values: Floats) -> Floats:
     return corrected
 
 
-def _pooled(tested: list[_Tested], corrected: Floats, rows: Rows) -> tuple[Located, ...]:
+def _pooled(tested: list[_Tested], corrected: Floats) -> tuple[Located, ...]:
     groups: dict[tuple[str, str, str], list[tuple[Cell, float]]] = {}
     for test, p_value in zip(tested, corrected, strict=True):
         if p_value < CHANCE:
             cell = test.cell
             groups.setdefault((cell.signal, cell.experiment, cell.phase), []).append((cell, float(p_value)))
-    del rows
     found = [_place(group) for group in groups.values()]
     return tuple(sorted(found, key=lambda place: -place.sigmas))
 

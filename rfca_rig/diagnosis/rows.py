@@ -27,8 +27,9 @@ class Rows:
     """All arrays (m,), one entry per row.
 
     `measured` in the signal's unit; `noise` its standard deviation from the sensor alone; `scale` the size of the signal here, which a
-    relative error of the model refers to, `jolt` that of the ringing after the touchdown; `progress` 0 at touchdown and 1 at the valley, or for a static stage its shaft
-    angle in units of 0.4 rad; `phase` in words; `label` points into `labels`; `condition` counts conditions, dynamic ones first.
+    relative error of the model refers to, `jolt` that of the ringing after the touchdown; `progress` 0 at touchdown and 1 at the
+    valley, or for a static stage its shaft angle in units of 0.4 rad; `phase` in words; `label` points into `labels`; `condition` counts
+    conditions, dynamic ones first.
     """
 
     measured: Floats
@@ -49,7 +50,7 @@ class Rows:
 
     @property
     def experiment(self) -> NDArray[np.str_]:
-        """"dynamic" or "static" for each row."""
+        """ "dynamic" or "static" for each row."""
         return np.array([label.experiment for label in self.labels])[self.label]
 
     def names(self) -> tuple[str, ...]:

@@ -51,7 +51,9 @@ def _effects(evidence: Evidence, supposed: Supposed, names: tuple[str, ...]) -> 
 def _learnt(evidence: Evidence, effect: Floats, usual: Floats) -> Floats:
     """From how the repeats of each condition lie about their mean; the mean takes one of them away."""
     rows = evidence.rows
-    residuals, effects, stroke = [], [], []
+    residuals: list[Floats] = []
+    effects: list[Floats] = []
+    stroke: list[NDArray[np.intp]] = []
     for number, strokes in enumerate(part.repeats for part in evidence.parts):
         here, count = rows.condition == number, len(strokes)
         if count < 2:

@@ -98,8 +98,7 @@ class Projection:
 def projection_of(base: Fitted, measured: Floats, whitening: Whitening) -> Projection:
     """The space around `base`; its residual counts from where the prior puts the nuisances' best linear correction."""
     slope = whitening(base.slope)
-    inverse = np.linalg.inv(slope.T @ slope + np.eye(slope.shape[1]))
+    inverse = np.asarray(np.linalg.inv(slope.T @ slope + np.eye(slope.shape[1])), dtype=np.float64)
     linear = base.linear(measured)
     residual = whitening(linear.target)
     return Projection(whitening, slope, inverse, residual - slope @ (inverse @ (slope.T @ residual)))
-

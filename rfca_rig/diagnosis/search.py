@@ -193,9 +193,7 @@ def _ids(fitted: Fitted) -> tuple[str, ...]:
     return tuple(choice.effect.id for choice in fitted.coordinates.choices)
 
 
-def _weighed(
-    descent: Descent, base: Fitted, fits: Sequence[Fitted], trials: Sequence[Trial], scatter: Scatter, effects: int
-) -> Found:
+def _weighed(descent: Descent, base: Fitted, fits: Sequence[Fitted], trials: Sequence[Trial], scatter: Scatter, effects: int) -> Found:
     measured = descent.evidence.rows.measured
     nothing = Hypothesis((), base, descent.judge.judged(base.linear(measured)), float(np.log(PRIOR_NOTHING)))
     named = [Hypothesis(_ids(f), f, descent.judge.judged(f.linear(measured)), _log_prior(f, effects)) for f in fits]

@@ -18,7 +18,13 @@ FORCES = ("fy_N", "fz_N", "tx_Nm")
 MEAN_OF_SAMPLES = 5.0  # a stage's mean is at least this much quieter, squared, than one sample: readings drift while they are averaged
 HINGE_NOISE_DEG = 0.2  # of a red mark in a photograph, where the table does not say
 STAGE_APART_RAD = 0.4  # stages this far apart err on their own
-IN_MOTION_ONLY = ("sensor_lag", "clock_offset", "sensor_drift", "motor_speed_droop", "motor_speed_ripple")  # a settled reading does not show them
+IN_MOTION_ONLY = (
+    "sensor_lag",
+    "clock_offset",
+    "sensor_drift",
+    "motor_speed_droop",
+    "motor_speed_ripple",
+)  # a settled reading does not show them
 HOLD_S = 0.3  # the slowest swing of the paper's leg has died out
 
 
@@ -50,7 +56,9 @@ class StageTable:
         turned = [stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages]
         motion, read_s = staged_motion(leg.start_angle_rad, turned, self.moves)
         settled = tuple(effect for effect in supposed.rig.effects if effect.id not in IN_MOTION_ONLY)
-        held = stroke_following(replace(supposed.rig, swing=None, effects=settled), self.height_m + supposed.height_offset_m, motion, read_s)
+        held = stroke_following(
+            replace(supposed.rig, swing=None, effects=settled), self.height_m + supposed.height_offset_m, motion, read_s
+        )
         hinges = np.degrees(np.diff(held.q_rad, axis=1)).T[: len(self.signals) - 3]
         return np.concatenate([held.fy_N, held.fz_N, held.tx_Nm, *hinges])
 
@@ -84,9 +92,7 @@ class StageTable:
         )
 
 
-def stage_tables(
-    stages: Sequence[StaticStage], noise_std: Mapping[str, float | None], moves: StageMoves
-) -> tuple[StageTable, ...]:
+def stage_tables(stages: Sequence[StaticStage], noise_std: Mapping[str, float | None], moves: StageMoves) -> tuple[StageTable, ...]:
     """One table per height, in the order in which the stages were recorded."""
     heights: dict[float, list[StaticStage]] = {}
     for stage in stages:

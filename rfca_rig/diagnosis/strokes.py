@@ -170,7 +170,7 @@ def _edges(begin_s: float, phases: StrokePhases) -> Floats:
 
 
 def _even(begin: float, end: float, width: float) -> Floats:
-    return np.linspace(begin, end, max(int(round((end - begin) / width)), 1) + 1)
+    return np.linspace(begin, end, max(round((end - begin) / width), 1) + 1)
 
 
 def _binned(stroke: Stroke, signal: str, edges: Floats) -> Floats:

@@ -11,10 +11,11 @@ from rfca_rig.diagnosis.deciding import Decision
 from rfca_rig.diagnosis.detectable import not_seen
 from rfca_rig.diagnosis.figures import before_and_after, held_out, overlays, valley_errors
 from rfca_rig.diagnosis.locating import located, lone_channel
-from rfca_rig.diagnosis.result import Diagnosis, Gate, NamedEffect, Rival, Value, Verdict
+from rfca_rig.diagnosis.result import Diagnosis, Gate, NamedEffect, NotSeen, Overlay, Rival, Value, Verdict
 from rfca_rig.diagnosis.screening import projection_of
 from rfca_rig.diagnosis.search import Found, Hypothesis
 from rfca_rig.model.effect import Effect
+from rfca_rig.model.parameters import PresentEffect
 
 if TYPE_CHECKING:
     from rfca_rig.diagnosis.diagnose import Body, Verdicts
@@ -55,14 +56,14 @@ def summed_up(body: "Body", verdicts: "Verdicts", effects: Sequence[Effect]) -> 
         remarks=(*body.remarks, *_remarks(body, leg)),
         next_experiment=None,
         believed_values=_values(accepted),
-        overlays=overlays(leg, accepted),
+        overlays=(*overlays(leg, accepted), *_of_drive(verdict, verdicts)),
         settings=_settings(body, leg, effects),
         found_effects=found_effects,
         found_rig=after.rig,
     )
 
 
-def present_effects(hypothesis: Hypothesis) -> tuple:
+def present_effects(hypothesis: Hypothesis) -> tuple[PresentEffect, ...]:
     """The effects of a hypothesis with the values found."""
     coordinates, mean = hypothesis.fitted.coordinates, hypothesis.judgement.posterior.mean
     return tuple(choice.present(mean[coordinates.part(number)]) for number, choice in enumerate(coordinates.choices))
@@ -110,6 +111,12 @@ def _sentence(verdict: Verdict, named: Sequence[NamedEffect], verdicts: "Verdict
     return f"Something is missing that no entry of the catalogue explains.{like}"
 
 
+def _of_drive(verdict: Verdict, verdicts: "Verdicts") -> tuple[Overlay, ...]:
+    if verdicts.drive is None or verdicts.drive_decision is None:
+        return ()
+    return overlays(verdicts.drive, verdicts.drive_decision.accepted if verdict == "named" else verdicts.drive.nothing)
+
+
 def _gates(verdicts: "Verdicts") -> tuple[Gate, ...]:
     return tuple(gate for decision in _decisions(verdicts) for gate in decision.gates)
 
@@ -126,7 +133,7 @@ def _joint_rivals(verdicts: "Verdicts") -> tuple[Rival, ...]:
     return tuple(sorted(joint, key=lambda rival: -rival.probability)[:12])
 
 
-def _not_seen(verdicts: "Verdicts", accepted: Hypothesis, effects: Sequence[Effect], body: "Body") -> tuple:
+def _not_seen(verdicts: "Verdicts", accepted: Hypothesis, effects: Sequence[Effect], body: "Body") -> tuple[NotSeen, ...]:
     leg = verdicts.leg
     measured = leg.evidence.rows.measured
     projection = projection_of(accepted.fitted, measured, accepted.judgement.whitening)
