@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 from rfca_rig.diagnosis.coordinates import Choice, std_of, value_of
 from rfca_rig.diagnosis.gates import gates_of
 from rfca_rig.diagnosis.result import Gate, NamedEffect, Rival, Value, Verdict
-from rfca_rig.diagnosis.search import GOOD_FIT, PRIOR_UNKNOWN, Found, Hypothesis
+from rfca_rig.diagnosis.search import GOOD_FIT, PRIOR_UNKNOWN, Found, Hypothesis, fits_well
 
 AS_GOOD = 3.0  # log evidence within which these data do not tell two effects apart
 SURE = 0.9
@@ -85,12 +85,16 @@ def _probability(rivals: Sequence[Rival], ids: tuple[str, ...]) -> float:
 
 
 def _simplest(found: Found, candidates: int) -> Hypothesis | None:
-    """The best hypothesis each of whose members is needed; None where none was fitted."""
+    """The best hypothesis each of whose members is needed; None where none was fitted.
+
+    A further effect is not needed where the model errs no more than usual without it and no nuisance is strained: what it adds is the
+    law of the first being not quite the real one.
+    """
     needed = 3.0 + float(np.log(candidates))
     for hypothesis in found.named:
         parts = [h for h in found.named if set(h.ids) < set(hypothesis.ids)]
         gain = hypothesis.judgement.log_evidence - max((h.judgement.log_evidence for h in parts), default=-np.inf)
-        if gain >= needed:
+        if gain >= needed and not any(fits_well(part.judgement, part.fitted.coordinates.nuisances) for part in parts):
             return hypothesis
     return None
 

@@ -55,12 +55,12 @@ class Descent:
         columns = [self._column(coordinates, x, predicted, i) for i in range(left.shape[1], coordinates.size)]
         return Fitted(coordinates, x, predicted, np.column_stack([left, *columns]))
 
-    def descended(self, start: Fitted) -> Fitted:
+    def descended(self, start: Fitted, levels: int = LEVELS, rounds: int = ROUNDS) -> Fitted:
         """From `start` down until nothing more is gained, at one model error after the other."""
         here, last = start, np.inf
-        for _ in range(LEVELS):
+        for _ in range(levels):
             whitening = self.judge.level(here.linear(self.evidence.rows.measured))
-            here = self._down(here, whitening)
+            here = self._down(here, whitening, rounds)
             if whitening.s == last:
                 break
             last = whitening.s
@@ -83,8 +83,8 @@ class Descent:
     def _log_evidence(self, fitted: Fitted) -> float:
         return self.judge.judged(fitted.linear(self.evidence.rows.measured)).log_evidence
 
-    def _down(self, here: Fitted, whitening: AtError) -> Fitted:
-        for _ in range(ROUNDS):
+    def _down(self, here: Fitted, whitening: AtError, rounds: int) -> Fitted:
+        for _ in range(rounds):
             there = self._stepped(here, whitening)
             if there is None:
                 return here

@@ -12,9 +12,8 @@ from rfca_rig.diagnosis.search import Found, Hypothesis
 
 Floats = NDArray[np.float64]
 
-VARIATIONS = (0.0, 0.1, 0.25)  # by how much an effect's size may differ between conditions, as a share
-THEIR_PRIOR = (0.5, 0.3, 0.2)
-MOST_VARIATION = 0.125  # posterior mean: beyond, the effect behaves only partly like its law
+FREE_BY = 0.25  # share by which an effect's size may differ between conditions or channels before the data speak
+MOST_VARIATION = 0.125  # beyond, the effect behaves only partly like its law
 MOST_IMPROVE = 0.8  # share of conditions that must be foretold better
 AT_A_BOUND = 2.6  # prior deviations of an effect's parameter: a log-uniform one is within 1 % of its end
 STRAINED = 3.5  # prior deviations of a nuisance
@@ -69,16 +68,32 @@ def _channels(found: Found) -> NDArray[np.intp]:
 
 
 def _invariance(found: Found, best: Hypothesis, signatures: Sequence[Floats], what: str, group: NDArray[np.intp]) -> Gate:
-    """Whether one size of the effect serves all groups: the posterior of how much it would have to vary."""
-    if int(group.max()) == 0:
-        return Gate(f"one value in all {what}", True, f"only one of the {what}")
+    """Whether one size of the effect serves all groups: each group's own size is left free by a quarter, and compared.
+
+    A cause has one value everywhere; what only imitates it does not.
+    """
+    name = f"one value in all {what}"
+    varied = [_variation(found, best, signature, group) for signature in signatures]
+    worst = max(varied, default=0.0)
+    return Gate(name, worst <= MOST_VARIATION, f"its size varies between {what} by {100.0 * worst:.0f} %")
+
+
+def _variation(found: Found, best: Hypothesis, signature: Floats, group: NDArray[np.intp]) -> float:
+    """Root mean square by which the groups' sizes differ from their mean beyond what chance makes, groups that tell nothing left out."""
+    columns = [column for g in range(int(group.max()) + 1) if np.any(column := np.where(group == g, signature, 0.0))]
+    if len(columns) < 2:
+        return 0.0
     linear = best.fitted.linear(found.evidence.rows.measured)
-    columns = [np.where(group == g, s, 0.0) for s in signatures for g in range(int(group.max()) + 1)]
-    spread = np.column_stack([c for c in columns if np.any(c)] or [np.zeros(len(group))])
-    logs = np.array([found.judge.judged(linear, tau * spread if tau else None).log_evidence for tau in VARIATIONS])
-    weights = np.exp(logs - logs.max()) * np.array(THEIR_PRIOR)
-    varies = float(weights @ np.array(VARIATIONS) / weights.sum())
-    return Gate(f"one value in all {what}", varies <= MOST_VARIATION, f"its size varies between {what} by {100 * varies:.0f} % at a guess")
+    wider = Linear(linear.target, np.column_stack([linear.slope, FREE_BY * np.column_stack(columns)]))
+    posterior = posterior_of(wider, best.judgement.whitening)
+    own = slice(linear.slope.shape[1], None)
+    size, std = FREE_BY * posterior.mean[own], FREE_BY * np.sqrt(np.diag(posterior.covariance)[own])
+    telling = std < 0.5 * FREE_BY
+    if telling.sum() < 2:
+        return 0.0
+    weight = 1.0 / std[telling] ** 2
+    apart = size[telling] - np.average(size[telling], weights=weight)
+    return float(np.sqrt(max(np.average(apart**2 - std[telling] ** 2, weights=weight), 0.0)))
 
 
 def _foretold(found: Found, best: Hypothesis) -> Gate:

@@ -20,14 +20,14 @@ Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 REFINED = 8  # effects whose best point is sought, of those that screening ranks highest
-POLISHED_BEST = 2  # hypotheses of each size that are brought to their very best point
+POLISHED_BEST = 3  # hypotheses of each size that are brought to their very best point
 CLEARLY_BETTER = 10.0  # log evidence
 STARTS = 2  # places per effect to begin from, where the second promises half of the first
 WORTH_A_FIT = 6.0  # chi2 that an effect must promise to take away, or it cannot pay for its parameters
 GOOD_FIT = 0.011  # a model error below which no further effect is sought,
 STRAINED = 2.5  # unless a nuisance is that many standard deviations from where it is believed
-BUILT_ON = 3  # effects that pairs are built on
-PARTNERS = 4  # partners refined for each
+BUILT_ON = 2  # effects that pairs are built on
+PARTNERS = 5  # partners refined for each
 PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO = 0.5, 0.1, 0.3, 0.1
 
 
@@ -80,7 +80,7 @@ def searched(evidence: Evidence, coordinates: Coordinates, effects: Sequence[Eff
     singles = _best_polished(descent, singles)
     scatter = _scatter_around_best(descent, base, singles) or scatter
     descent = Descent(evidence, judge_of(evidence.rows, scatter.columns))
-    singles = _best_polished(descent, singles)
+    base, singles = descent.polished(base), _best_polished(descent, singles)
     progress("pairs of effects", 0.6)
     pairs = _best_polished(descent, _pairs(descent, base, singles, trials))
     progress("weighing", 0.9)
@@ -143,18 +143,17 @@ def _refined(descent: Descent, base: Fitted, groups: Sequence[Sequence[Trial]]) 
 
 
 def _best_of(descent: Descent, base: Fitted, group: Sequence[Trial]) -> Fitted | None:
-    ends = [end for trial in group if (end := _grown(descent, base, trial)) is not None]
-    best = max(ends, key=lambda end: _evidence(descent, end), default=None)
-    if best is None or _evidence(descent, best) < _evidence(descent, base):
-        return best
-    return descent.polished(best, 1)
+    """A few steps from every start, and all the way from where they led furthest."""
+    begun = [begin for trial in group if (begin := _begun(descent, base, trial)) is not None]
+    best = max(begun, key=lambda begin: _evidence(descent, begin), default=None)
+    return None if best is None else descent.descended(best)
 
 
-def _grown(descent: Descent, base: Fitted, trial: Trial) -> Fitted | None:
-    """The base with one effect more, at its best point."""
+def _begun(descent: Descent, base: Fitted, trial: Trial) -> Fitted | None:
+    """The base with one effect more, some steps down from where the trial has it."""
     wider = base.coordinates.with_choices((*base.coordinates.choices, trial.choice))
     start = descent.at(wider, np.concatenate([base.x, trial.z]), base.slope)
-    return None if start is None else descent.descended(start)
+    return None if start is None else descent.descended(start, levels=2, rounds=2)
 
 
 def _evidence(descent: Descent, fitted: Fitted) -> float:
@@ -166,26 +165,27 @@ def _judged(descent: Descent, fitted: Fitted) -> Judgement:
 
 
 def _pairs(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Sequence[Trial]) -> list[Fitted]:
-    """Partners for the best effects, screened by what they would do to a leg that has the first one already.
+    """Partners for the best effects, screened by what they do to a leg that has none and would still be left to explain.
 
     Where nothing is missing, or one effect leaves no more than a good model does, none is sought.
     """
     judged = sorted(((_judged(descent, single), single) for single in singles), key=lambda pair: -pair[0].log_evidence)
     nothing = _judged(descent, base)
-    if not judged or any(_fits_well(found, base.coordinates.nuisances) for found in (nothing, judged[0][0])):
+    if not judged or any(fits_well(found, base.coordinates.nuisances) for found in (nothing, judged[0][0])):
         return []
     found: dict[frozenset[str], Fitted] = {}
     for _, single in judged[:BUILT_ON]:
         own = _ids(single)
-        others = {(t.choice.effect.id, t.choice.whole): t.choice for t in trials if t.choice.effect.id not in own}
-        groups = _promising(descent, single, tried(descent.evidence, single, list(others.values())), PARTNERS)
+        others = [trial for trial in trials if trial.choice.effect.id not in own]
+        groups = _promising(descent, single, others, PARTNERS)
         new = [group for group in groups if frozenset((*own, group[0].choice.effect.id)) not in found]
         for pair in _refined(descent, single, new):
             found[frozenset(_ids(pair))] = pair
     return list(found.values())
 
 
-def _fits_well(judgement: Judgement, nuisances: int) -> bool:
+def fits_well(judgement: Judgement, nuisances: int) -> bool:
+    """Whether a hypothesis leaves no more than a good model does, all nuisances near where they are believed."""
     return judgement.error < GOOD_FIT and float(np.abs(judgement.posterior.mean[:nuisances]).max()) < STRAINED
 
 

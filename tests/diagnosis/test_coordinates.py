@@ -1,0 +1,46 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rfca_rig.analysis.fitting.parameters import Supposed, space_of
+from rfca_rig.diagnosis.coordinates import Choice, Coordinates, coordinate_of, std_of, value_of
+from rfca_rig.diagnosis.screening import choices_of
+from rfca_rig.model.catalogue import catalogue
+from tests.model.legs import PAPER
+
+PARAMETERS = [p for effect in catalogue().values() for p in effect.parameters if not p.whole]
+
+
+@given(st.sampled_from(PARAMETERS), st.floats(-3.0, 3.0))
+def test_coordinates_and_values_are_each_others_inverse(parameter, z):
+    assert coordinate_of(parameter, value_of(parameter, z)) == pytest.approx(z, abs=1e-6)
+
+
+@given(st.sampled_from(PARAMETERS), st.floats(-2.0, 2.0))
+def test_a_standard_deviation_is_that_of_drawn_values(parameter, z):
+    drawn = [value_of(parameter, z + 1e-3 * x) for x in np.random.default_rng(0).normal(size=400)]
+    assert std_of(parameter, z, 1e-3) == pytest.approx(np.std(drawn), rel=0.15)
+
+
+def test_most_of_the_prior_of_a_scale_lies_within_its_plausible_bounds():
+    for parameter in PARAMETERS:
+        if parameter.low > 0.0 and parameter.high > 2.0 * parameter.low:
+            assert parameter.low <= value_of(parameter, -4.0) < value_of(parameter, 4.0) <= parameter.high
+
+
+def test_effects_are_supposed_beside_nuisances_in_the_order_of_the_coordinates():
+    space = space_of(["k0", "friction"], Supposed(PAPER), {"k0_relative": 0.03, "friction_coefficient": 0.05})
+    stop, tilt = catalogue()["hinge_stop"], catalogue()["ground_tilt"]
+    coordinates = Coordinates(space, (Choice(stop), Choice(tilt)))
+    assert coordinates.size == 5
+    assert [coordinates.part(i) for i in range(2)] == [slice(2, 4), slice(4, 5)]
+    supposed = coordinates.supposed(np.array([1.0, 0.0, 0.5, -0.5, 2.0]))
+    assert supposed.rig.leg.k0_Nm_per_rad == pytest.approx(PAPER.leg.k0_Nm_per_rad * np.exp(0.03))
+    assert [effect.id for effect in supposed.rig.effects] == ["hinge_stop", "ground_tilt"]
+    assert dict(supposed.rig.effects[1].values)["slope"] == pytest.approx(0.1)
+
+
+def test_an_effect_that_counts_something_is_tried_for_each_count():
+    assert [dict(choice.whole)["hinge"] for choice in choices_of(catalogue()["damaged_hinge"])] == [2, 3, 4, 5, 6, 7]
+    assert choices_of(catalogue()["tip_mass"]) == (Choice(catalogue()["tip_mass"]),)

@@ -1,0 +1,86 @@
+"""Covariance, evidence and posterior against the textbook's formulas, worked out densely."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from rfca_rig.diagnosis.covariance import AtError, basis_of, discrepancy, factored
+from rfca_rig.diagnosis.linear import Linear, posterior_of, posteriors_of
+from rfca_rig.diagnosis.rows import Label, Rows, stacked
+
+
+def small_rows(seed=0, bins=12, conditions=2):
+    random = np.random.default_rng(seed)
+    parts = [
+        Rows(
+            measured=random.normal(size=bins),
+            noise=np.full(bins, 0.1),
+            scale=np.abs(random.normal(2.0, 0.5, bins)),
+            jolt=np.where(np.arange(bins) < 3, 1.0, 0.0),
+            progress=np.linspace(0.0, 1.0, bins),
+            t_s=np.linspace(0.0, 1.0, bins),
+            phase=np.array(["loading"] * bins),
+            label=np.zeros(bins, dtype=np.intp),
+            condition=np.zeros(bins, dtype=np.intp),
+            labels=(Label("dynamic", f"{i}", "fz_N"),),
+        )
+        for i in range(conditions)
+    ]
+    return stacked(parts)
+
+
+def dense(rows, scatter, s):
+    return np.diag(rows.noise**2) + scatter @ scatter.T + s**2 * discrepancy(rows)
+
+
+@pytest.mark.parametrize("s", [0.005, 0.02, 0.3])
+def test_one_basis_whitens_at_every_model_error(s):
+    rows = small_rows()
+    scatter = np.random.default_rng(1).normal(size=(len(rows.measured), 2))
+    whitening = AtError(basis_of(rows, scatter), s)
+    white = whitening(whitening(dense(rows, scatter, s)).T)
+    assert np.allclose(white, np.eye(len(white)), atol=1e-8)
+    assert whitening.log_det == pytest.approx(np.linalg.slogdet(dense(rows, scatter, s))[1])
+    assert np.allclose(whitening.covariance(), dense(rows, scatter, s))
+
+
+def test_evidence_is_the_density_of_the_rows_with_all_unknowns_integrated_out():
+    rows = small_rows()
+    random = np.random.default_rng(2)
+    slope, scatter = random.normal(size=(len(rows.measured), 3)), np.empty((len(rows.measured), 0))
+    covariance = dense(rows, scatter, 0.05)
+    found = posterior_of(Linear(rows.measured, slope), factored(covariance))
+    density = multivariate_normal(cov=covariance + slope @ slope.T).logpdf(rows.measured)
+    assert found.log_evidence == pytest.approx(density + 0.5 * len(rows.measured) * np.log(2.0 * np.pi))
+
+
+def test_the_posterior_is_that_of_conditioning_a_joint_normal():
+    rows = small_rows()
+    slope = np.random.default_rng(3).normal(size=(len(rows.measured), 2))
+    covariance = dense(rows, np.empty((len(rows.measured), 0)), 0.05)
+    found = posterior_of(Linear(rows.measured, slope), factored(covariance))
+    gain = slope.T @ np.linalg.inv(covariance + slope @ slope.T)
+    assert np.allclose(found.mean, gain @ rows.measured)
+    assert np.allclose(found.covariance, np.eye(2) - gain @ slope)
+
+
+def test_loose_directions_widen_the_covariance():
+    rows = small_rows()
+    random = np.random.default_rng(4)
+    slope, loose = random.normal(size=(len(rows.measured), 2)), random.normal(size=(len(rows.measured), 3))
+    basis = basis_of(rows, np.empty((len(rows.measured), 0)))
+    (found,) = posteriors_of(Linear(rows.measured, slope), (AtError(basis, 0.02),), loose)
+    wider = dense(rows, np.empty((len(rows.measured), 0)), 0.02) + loose @ loose.T
+    direct = posterior_of(Linear(rows.measured, slope), factored(wider))
+    assert found.log_evidence == pytest.approx(direct.log_evidence)
+    assert np.allclose(found.mean, direct.mean)
+
+
+def test_the_discrepancy_is_alike_between_conditions_in_part_and_ringing_is_not():
+    kernel = discrepancy(small_rows())
+    rows = small_rows()
+    correlation = kernel / np.sqrt(np.outer(np.diag(kernel), np.diag(kernel)))
+    late = 8
+    assert correlation[late, late + 12] == pytest.approx(0.5, abs=0.01)
+    assert correlation[0, 12] < 0.5
+    assert rows.condition[late + 12] == 1
