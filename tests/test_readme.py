@@ -1,5 +1,6 @@
 """What the README says is so: its commands run, its snippet runs, its figures are the model's."""
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -34,13 +35,20 @@ def test_the_commands_run_as_written(clone, monkeypatch, capsys):
 
 
 def test_the_whole_job_ends_in_a_report_and_the_snippet_reads_its_recording(clone, monkeypatch, capsys):
-    words = shlex.split(block("job").split("&&")[-1])
-    assert words[0] == ".venv/bin/rfca-rig"
-    said = typed(monkeypatch, capsys, *words[1:])
+    run, diagnose = (shlex.split(part) for part in block("job").split("&&")[-2:])
+    assert run[0] == diagnose[0] == ".venv/bin/rfca-rig"
+    said = typed(monkeypatch, capsys, *run[1:])
     assert said.exit_code == 0
     assert (clone / "report" / "report.html").stat().st_size > 100_000
     shown = re.search(r"average error of the valley ([\d.]+) % in time, ([\d.]+) % in force", README).groups()
     assert re.search(r"average error of the valley ([\d.]+) % in time, ([\d.]+) % in force", said.err).groups() == shown
+    told = typed(monkeypatch, capsys, *diagnose[1:])
+    assert told.exit_code == 0
+    assert told.out.splitlines()[:2] == re.search(r"```text\n(NAMED.*?)\nmotor", README, re.DOTALL)[1].splitlines()
+    (effect,) = json.loads((clone / "diagnosis" / "diagnosis.json").read_text())["effects"]
+    assert effect["id"] == "motor_speed_droop"
+    assert effect["parameters"]["kp_Nm_s_per_rad"]["value"] == pytest.approx(8.0, rel=0.06)
+    assert effect["parameters"]["ki_Nm_per_rad"]["value"] == pytest.approx(60.0, rel=0.02)
     snippet = re.search(r"```python\n(.*?)```", README, re.DOTALL)[1]
     names: dict[str, object] = {}
     exec(snippet, names)

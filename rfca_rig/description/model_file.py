@@ -79,6 +79,8 @@ def _written(value: Any) -> str:
         return "{ " + ", ".join(f"{key} = {_written(inner)}" for key, inner in value.items() if inner is not None) + " }"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_written(inner) for inner in value) + "]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
     if isinstance(value, str):
         return '"' + value.translate(_ESCAPES) + '"'
     return _number(float(value))

@@ -11,6 +11,7 @@ from rfca_rig.diagnosis.deciding import Decision
 from rfca_rig.diagnosis.detectable import not_seen
 from rfca_rig.diagnosis.figures import before_and_after, held_out, overlays, valley_errors
 from rfca_rig.diagnosis.locating import located, lone_channel
+from rfca_rig.diagnosis.next_experiment import next_experiment
 from rfca_rig.diagnosis.result import Diagnosis, Gate, NamedEffect, NotSeen, Overlay, Rival, Value, Verdict
 from rfca_rig.diagnosis.screening import projection_of
 from rfca_rig.diagnosis.search import Found, Hypothesis
@@ -38,7 +39,8 @@ def summed_up(body: "Body", verdicts: "Verdicts", effects: Sequence[Effect]) -> 
     found_effects = tuple(effect for h in _accepted(verdict, verdicts) for effect in present_effects(h))
     supposed = accepted.fitted.coordinates.supposed(accepted.judgement.posterior.mean)
     drive_effects = tuple(e for e in found_effects if e.id not in accepted.ids)
-    after = replace(supposed, rig=replace(supposed.rig, effects=(*supposed.rig.effects, *drive_effects)))
+    drive = verdicts.drive.believed.coordinates.space.centre.rig.drive if drive_effects and verdicts.drive else supposed.rig.drive
+    after = replace(supposed, rig=replace(supposed.rig, drive=drive, effects=(*supposed.rig.effects, *drive_effects)))
     return Diagnosis(
         title=body.title,
         verdict=verdict,
@@ -54,7 +56,7 @@ def summed_up(body: "Body", verdicts: "Verdicts", effects: Sequence[Effect]) -> 
         valley=valley_errors(body.flaps, leg.believed.coordinates.supposed(leg.believed.x), after, bool(drive_effects)),
         unexplained=_unexplained(verdict, verdicts),
         remarks=(*body.remarks, *_remarks(body, leg)),
-        next_experiment=None,
+        next_experiment=next_experiment(body, verdicts, _enough(body)),
         believed_values=_values(accepted),
         overlays=(*overlays(leg, accepted), *_of_drive(verdict, verdicts)),
         settings=_settings(body, leg, effects),
