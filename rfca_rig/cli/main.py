@@ -8,7 +8,7 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 from rfca_rig import __version__
-from rfca_rig.cli import crosscheck, diagnosing, dynamic, fitting, importing, predicting, recovering, reporting, static, strip
+from rfca_rig.cli import crosscheck, diagnosing, dynamic, fitting, importing, predicting, proving, recovering, reporting, static, strip
 from rfca_rig.errors import BadInput, RigError, Stopped
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
@@ -29,6 +29,7 @@ app.command("predict")(predicting.predict)
 app.command("report")(reporting.report)
 app.command("fit")(fitting.fit)
 app.command("diagnose")(diagnosing.diagnose)
+app.command("prove")(proving.prove)
 app.command("crosscheck")(crosscheck.crosscheck)
 app.command("strip")(strip.strip)
 

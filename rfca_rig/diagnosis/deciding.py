@@ -64,7 +64,7 @@ def _attempt(found: Found, best: Hypothesis, candidates: int, rivals: tuple[Riva
     if not all(gate.passed for gate in gates):
         verdict = "nothing missing" if found.nothing.judgement.error < GOOD_FIT else "unexplained"
         return Decision(verdict, found.nothing, (), gates, rivals, best, nothing)
-    return Decision("named", best, _named(best, classes, probability, gates), gates, rivals, None, nothing)
+    return Decision("named", best, _named(best, classes, probability), gates, rivals, None, nothing)
 
 
 def _rivals(found: Found) -> tuple[Rival, ...]:
@@ -116,7 +116,7 @@ def _class_probability(rivals: Sequence[Rival], best: Hypothesis, classes: Seque
     return sum(r.probability for r in rivals if len(r.ids) >= len(best.ids) and all(set(r.ids) & names for names in allowed))
 
 
-def _named(best: Hypothesis, classes: Sequence[tuple[str, ...]], probability: float, gates: Sequence[Gate]) -> tuple[NamedEffect, ...]:
+def _named(best: Hypothesis, classes: Sequence[tuple[str, ...]], probability: float) -> tuple[NamedEffect, ...]:
     choices = best.fitted.coordinates.choices
     return tuple(
         NamedEffect(
@@ -125,7 +125,7 @@ def _named(best: Hypothesis, classes: Sequence[tuple[str, ...]], probability: fl
             probability=min(probability, 0.999),
             parameters=values_of(best, number),
             cannot_tell_from=others,
-            wording="law confirmed, one value in all conditions and channels" if len(gates) else "",
+            wording="one value in all conditions and channels, all gates passed",
         )
         for number, (choice, others) in enumerate(zip(choices, classes, strict=True))
     )

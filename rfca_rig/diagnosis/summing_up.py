@@ -102,10 +102,9 @@ def _sentence(verdict: Verdict, named: Sequence[NamedEffect], verdicts: "Verdict
         what = " and ".join(f"{effect.left_out} ({effect.id})" for effect in named)
         others = sorted({other for effect in named for other in effect.cannot_tell_from})
         tail = f"; these data cannot tell it from {', '.join(others)}" if others else ""
-        return f"The model lacks: {what}, with probability {min(effect.probability for effect in named):.2f}{tail}."
+        return f"The model lacks: {what}{tail}."
     if verdict == "nothing missing":
-        nothing = min(decision.probability_nothing for decision in _decisions(verdicts))
-        return f"Nothing is missing that these recordings would show, with probability {min(nothing, 0.99):.2f}."
+        return "Nothing is missing that these recordings would show."
     if verdict == "not enough data":
         return f"Not enough data for a verdict: {len(body.flaps)} usable conditions, {FEWEST_CONDITIONS} are needed."
     suspects = [d.suspected for d in _decisions(verdicts) if d.suspected is not None]
@@ -120,7 +119,10 @@ def _of_drive(verdict: Verdict, verdicts: "Verdicts") -> tuple[Overlay, ...]:
 
 
 def _gates(verdicts: "Verdicts") -> tuple[Gate, ...]:
-    return tuple(gate for decision in _decisions(verdicts) for gate in decision.gates)
+    """Those of what was named, or where nothing was, of what came closest."""
+    decisions = _decisions(verdicts)
+    named = [decision for decision in decisions if decision.verdict == "named"]
+    return tuple(gate for decision in named or decisions for gate in decision.gates)
 
 
 def _joint_rivals(verdicts: "Verdicts") -> tuple[Rival, ...]:

@@ -10,13 +10,17 @@ from rfca_rig.exam.score import Marks, Share
 
 @dataclass(frozen=True)
 class Bar:
-    """One mark, what is asked of it, and whether it passes; a mark that nothing was there for does neither."""
+    """One mark, what is asked of it, and whether it passes; a mark that nothing was there for does neither.
+
+    `bound`: how bad a share may still be, with 95 % confidence, on cases that were not drawn; None for what is no share.
+    """
 
     name: str
     value: float
     at_least: float | None
     at_most: float | None
     counted: str
+    bound: float | None = None
 
     @property
     def passed(self) -> bool | None:
@@ -50,8 +54,12 @@ def bars(marks: Marks) -> Sequence[Bar]:
 
 
 def _most(name: str, share: Share, limit: float) -> Bar:
-    return Bar(name, share.value, None, limit, f"{share.hits} of {share.of}")
+    return Bar(name, share.value, None, limit, _counted(share), share.upper if share.of else None)
 
 
 def _least(name: str, share: Share, limit: float) -> Bar:
-    return Bar(name, share.value, limit, None, f"{share.hits} of {share.of}")
+    return Bar(name, share.value, limit, None, _counted(share), share.lower if share.of else None)
+
+
+def _counted(share: Share) -> str:
+    return f"{share.hits} of {share.of}"

@@ -31,14 +31,16 @@ def wording(marks: Marks) -> Iterator[str]:
     yield ""
     yield from (_line(bar) for bar in bars(marks))
     yield ""
-    yield "one effect, right or in class, by strength: " + ", ".join(f"{each.hits}/{each.of}" for each in marks.power)
-    yield f"Brier {marks.calibration.brier:.3f}, logarithmic score {marks.calibration.log_score:.3f}"
+    if any(each.of for each in marks.power):
+        yield "one effect, right or in class, by strength: " + ", ".join(f"{each.hits}/{each.of}" for each in marks.power)
+    if marks.calibration.bins:
+        yield f"Brier {marks.calibration.brier:.3f}, logarithmic score {marks.calibration.log_score:.3f}"
     yield (
         f"detection: {marks.false_alarms.hits} false alarms of {marks.false_alarms.of}, {marks.missed.hits} missed of {marks.missed.of}, "
         f"{marks.detection_errors.hits} errors of {marks.detection_errors.of}; {marks.classification_errors} names wrong or missing"
     )
-    upper = marks.null_false_claims.upper
-    yield f"false names where nothing is missing: below {upper:.1%} with 95 % confidence"
+    if marks.null_false_claims.of:
+        yield f"false names where nothing is missing: below {marks.null_false_claims.upper:.1%} with 95 % confidence"
     yield from _confused(marks)
     yield from (f"{miss.case} ({miss.kind}): {miss.reason}" for miss in marks.worst)
 
@@ -47,7 +49,7 @@ def _line(bar: Bar) -> str:
     asked = " and ".join(f"{word} {limit:g}" for word, limit in (("at least", bar.at_least), ("at most", bar.at_most)) if limit is not None)
     said = {True: "passed", False: "FAILED", None: "-"}[bar.passed]
     value = f"{bar.value:.3f}" if np.isfinite(bar.value) else "-"
-    return f"{said:7s} {bar.name:52s} {value:>7s}  {asked:28s} {bar.counted}"
+    return f"{said:7s} {bar.name:53s} {value:>6s}  {asked:30s} {bar.counted}"
 
 
 def _confused(marks: Marks) -> Iterator[str]:

@@ -173,9 +173,16 @@ def _class_size(named: Judged) -> float:
     return float(np.mean(sizes)) if sizes else np.nan
 
 
+def gap_closed(said: Said) -> float | None:
+    """How much of what can be closed between model and recordings a diagnosis closes on held-out conditions, of fz; None if not told."""
+    if said.held_out_fz_N is None:
+        return None
+    before, after, floor = said.held_out_fz_N
+    return (before - after) / (before - floor) if before > floor else None
+
+
 def _gaps(right: Judged) -> list[float]:
-    held_out = [said.held_out_fz_N for _, said in right if said.held_out_fz_N is not None]
-    return [(before - after) / (before - floor) for before, after, floor in held_out if before > floor]
+    return [gap for _, said in right if (gap := gap_closed(said)) is not None]
 
 
 def _gap(right: Judged) -> float:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import BadInput
+from rfca_rig.recording.atomic import write_atomically
 
 Truth = Mapping[str, Any]
 
@@ -20,24 +21,54 @@ def seal_all(truths: Sequence[Truth], out: Path) -> None:
 
     Done before the first campaign is written, so that nothing can be fitted to what a diagnosis said. A truth holds its case's name.
     """
-    contents = {truth["case"]: json.dumps(truth, indent=1, sort_keys=True).encode() for truth in truths}
+    contents = {truth["case"]: _content(truth) for truth in truths}
     lines = [f"{hashlib.sha256(content).hexdigest()}  {case}\n" for case, content in contents.items()]
-    (out / FOLDER).mkdir(parents=True)
-    (out / SEALS).write_text("".join(lines), encoding="utf-8")
+    (out / FOLDER).mkdir(parents=True, exist_ok=True)
+    write_atomically(out / SEALS, "".join(lines).encode())
     for case, content in contents.items():
-        (out / FOLDER / f"{case}{ENDING}").write_bytes(base64.encodebytes(content))
+        write_atomically(_path(out, case), base64.encodebytes(content))
+
+
+def is_sealed(out: Path) -> bool:
+    """Whether the hashes are there, which are never written again."""
+    return (out / SEALS).is_file()
+
+
+def unwritten(out: Path) -> list[str]:
+    """Cases with a hash whose truths were not written when the sealing was interrupted."""
+    return [case for _, case in _seals(out) if not _path(out, case).is_file()]
+
+
+def complete(truths: Sequence[Truth], out: Path) -> None:
+    """Writes truths that are missing, to be checked against their hashes when they are opened."""
+    for truth in truths:
+        write_atomically(_path(out, truth["case"]), base64.encodebytes(_content(truth)))
 
 
 def open_all(out: Path) -> list[dict[str, Any]]:
     """The truths of all cases under `out`, in the order of their seals. Raises BadInput where one is missing or was changed."""
+    return [_opened(out, seal, case) for seal, case in _seals(out)]
+
+
+def _content(truth: Truth) -> bytes:
+    return json.dumps(truth, indent=1, sort_keys=True).encode()
+
+
+def _path(out: Path, case: str) -> Path:
+    return out / FOLDER / f"{case}{ENDING}"
+
+
+def _seals(out: Path) -> list[tuple[str, str]]:
+    """(hash, case) of each line."""
     path = out / SEALS
     if not path.is_file():
         raise BadInput(f"{path}: not there; name the folder that the cases were written into")
-    return [_opened(out, *line.split()) for line in path.read_text(encoding="utf-8").splitlines()]
+    lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
+    return [(seal, case) for seal, case in lines]
 
 
 def _opened(out: Path, seal: str, case: str) -> dict[str, Any]:
-    path = out / FOLDER / f"{case}{ENDING}"
+    path = _path(out, case)
     if not path.is_file():
         raise BadInput(f"{path}: not there, though {SEALS} names it; write the cases anew")
     try:

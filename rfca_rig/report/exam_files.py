@@ -1,0 +1,71 @@
+"""Writes the three files of an exam: exam.html for people, exam.json for programs, exam.csv with a line for each case."""
+
+import csv
+import io
+import json
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+from rfca_rig import __version__
+from rfca_rig.exam.bars import bars
+from rfca_rig.exam.marked import Examined, MarkedCase
+from rfca_rig.exam.score import Marks, Share
+from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.report.diagnosis_json import plain
+from rfca_rig.report.exam_page import page
+
+FORMAT = "rfca-exam/1"
+HEADER = ("case", "kind", "truth", "verdict", "named", "probability", "outcome", "seconds", "strength", "left_over_noise")
+
+
+def write_exam(exam: Examined, out: Path) -> None:
+    """All three into `out`, which is there. Raises RigError where the disk refuses."""
+    contents = {"exam.json": as_json(exam), "exam.csv": as_csv(exam), "exam.html": page(exam)}
+    for name, text in contents.items():
+        write_atomically(out / name, text.encode("utf-8"))
+
+
+def as_csv(exam: Examined) -> str:
+    """A line for each case; several effects are joined by +, and the probability is that of the least sure name."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(HEADER)
+    writer.writerows(_line(case) for case in exam.cases)
+    return text.getvalue()
+
+
+def _line(case: MarkedCase) -> list[str]:
+    probability = f"{min(case.probabilities):.4f}" if case.probabilities else ""
+    seconds = "" if case.seconds is None else f"{case.seconds:.1f}"
+    said = [case.verdict, "+".join(case.named), probability, case.outcome, seconds]
+    return [case.id, case.kind, "+".join(case.concealed), *said, f"{case.strength:.3f}", f"{case.left:.3g}"]
+
+
+def as_json(exam: Examined) -> str:
+    """Bars, all marks, and every case; what is not known is null."""
+    document = {
+        "format": FORMAT,
+        "version": __version__,
+        "seed": exam.plan.seed,
+        "numbers": exam.plan.numbers,
+        "bars": [asdict(bar) | {"passed": bar.passed} for bar in bars(exam.marks)],
+        "marks": _marks(exam.marks),
+        "cases": [asdict(case) for case in exam.cases],
+    }
+    return json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _marks(marks: Marks) -> dict[str, Any]:
+    said = {field.name: _mark(getattr(marks, field.name)) for field in fields(marks)}
+    confused = [{"truth": true, "named": called, "count": count} for (true, called), count in sorted(marks.confusion.items())]
+    return said | {"confusion": confused}
+
+
+def _mark(value: object) -> object:
+    """A share with its bounds; other values as they are."""
+    if isinstance(value, Share):
+        return {"hits": value.hits, "of": value.of, "value": value.value, "lower": value.lower, "upper": value.upper}
+    if isinstance(value, tuple):
+        return [_mark(each) for each in value]
+    return asdict(value) if hasattr(value, "__dataclass_fields__") else value  # type: ignore[call-overload]

@@ -1,0 +1,81 @@
+"""Who was called what: concealed physics against what was said of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rfca_rig.exam import cases
+from rfca_rig.exam.marked import MarkedCase
+from rfca_rig.exam.outcome import CLASS, EXTRA, RIGHT, WRONG
+from rfca_rig.exam.said import VERDICTS
+from rfca_rig.exam.sizes import SPANS
+
+SEVERAL = "several names"
+ROWS_OF = (cases.SINGLE, cases.WRONG_LAW, cases.STRANGER, cases.MISLABEL, cases.NOTHING, cases.MODEL_ERROR)
+SHADES = {RIGHT: "right", CLASS: "class", WRONG: "wrong", EXTRA: "wrong"}
+WORST_FIRST = ("wrong", "", "class", "right")
+
+
+@dataclass(frozen=True)
+class MatrixCell:
+    """How many cases; `shade` is that of the worst answer among them, "" for one that is neither right nor a false name."""
+
+    count: int
+    shade: str
+
+
+@dataclass(frozen=True)
+class MatrixRow:
+    """What is concealed, and a cell for each column; None where nobody was."""
+
+    concealed: str
+    cells: tuple[MatrixCell | None, ...]
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """Rows by kind. `names` of the columns are effects, the last `verdicts` of them no names."""
+
+    names: tuple[str, ...]
+    verdicts: tuple[str, ...]
+    kinds: tuple[tuple[str, tuple[MatrixRow, ...]], ...]
+
+
+def matrix_of(marked: Sequence[MarkedCase]) -> Matrix:
+    """Of the kinds that conceal one thing or nothing; columns that are empty are left out."""
+    shown = [case for case in marked if case.kind in ROWS_OF]
+    said = {_said(case) for case in shown}
+    names = tuple(name for name in SPANS if name in said) + tuple(sorted(said - set(SPANS) - {SEVERAL, *VERDICTS}))
+    verdicts = tuple(each for each in (SEVERAL, *VERDICTS) if each in said)
+    by_kind = [(kind, [case for case in shown if case.kind == kind]) for kind in ROWS_OF]
+    return Matrix(names, verdicts, tuple((kind, _rows(of_kind, (*names, *verdicts))) for kind, of_kind in by_kind if of_kind))
+
+
+def _said(case: MarkedCase) -> str:
+    if len(case.named) > 1:
+        return SEVERAL
+    return case.named[0] if case.named else case.verdict
+
+
+def _rows(marked: Sequence[MarkedCase], columns: Sequence[str]) -> tuple[MatrixRow, ...]:
+    concealed = sorted({_concealed(case) for case in marked}, key=_place)
+    return tuple(_row(name, [case for case in marked if _concealed(case) == name], columns) for name in concealed)
+
+
+def _concealed(case: MarkedCase) -> str:
+    return " and ".join(case.concealed) or "nothing"
+
+
+def _place(name: str) -> tuple[int, str]:
+    """Effects in the order of the columns, so that right names stand on a diagonal."""
+    return (list(SPANS).index(name), "") if name in SPANS else (len(SPANS), name)
+
+
+def _row(name: str, marked: Sequence[MarkedCase], columns: Sequence[str]) -> MatrixRow:
+    return MatrixRow(name, tuple(_cell([case for case in marked if _said(case) == column]) for column in columns))
+
+
+def _cell(marked: Sequence[MarkedCase]) -> MatrixCell | None:
+    if not marked:
+        return None
+    shades = [SHADES.get(case.outcome, "") for case in marked]
+    return MatrixCell(len(marked), min(shades, key=WORST_FIRST.index))

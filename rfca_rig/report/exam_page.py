@@ -1,0 +1,167 @@
+"""exam.html: one self-contained page."""
+
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+
+from rfca_rig import __version__
+from rfca_rig.exam import cases
+from rfca_rig.exam.bars import Bar, bars
+from rfca_rig.exam.marked import Examined, MarkedCase
+from rfca_rig.exam.outcome import OUTCOMES
+from rfca_rig.exam.score import DETECTABLE, Marks, Share
+from rfca_rig.exam.worst import LISTED
+from rfca_rig.report import exam_pictures
+from rfca_rig.report.exam_matrix import matrix_of
+from rfca_rig.report.overlay import FAINT, MEASURED
+from rfca_rig.report.wording import NO_BREAK, NOTHING, counted, number
+
+MEANINGS = {
+    "right": "names exactly what is there; or nothing where nothing is; or says that it cannot explain what no name fits",
+    "class": "what is there is among those that a name is said to be indistinguishable from",
+    "partial": "some of what is there, nothing false",
+    "extra": "all that is there, and something false",
+    "wrong": "something false, and not all that is there",
+    "silent": "“nothing missing”, though something is",
+    "cautious": "no name where one was to be had, or an alarm where nothing is missing",
+}
+PASSED = {True: "passed", False: "failed", None: "none"}
+
+
+def page(exam: Examined) -> str:
+    """The page as HTML."""
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["words"] = lambda name: name.replace("_", " ")
+    marks, all_bars = exam.marks, bars(exam.marks)
+    judged = [bar for bar in all_bars if bar.passed is not None]
+    return environment.from_string(_beside("exam.html")).render(
+        style=_beside("diagnosis.css") + _beside("exam.css"),
+        of=f"Blind exam of the diagnosis: {exam.plan.words}, rfca-rig {__version__}",
+        sentence=_sentence(marks, len(exam.cases)),
+        passed=sum(bar.passed is True for bar in judged),
+        judged=len(judged),
+        bars=[_bar(bar) for bar in all_bars],
+        detectable=f"{DETECTABLE:g}",
+        outcomes=_outcomes(marks),
+        meanings=MEANINGS,
+        matrix=matrix_of(exam.cases),
+        pictures=_pictures(exam),
+        shades=[(colour, words) for _, colour, words in exam_pictures.PARTS],
+        outside=exam_pictures.FALSE,
+        dark=MEASURED,
+        grey=FAINT,
+        calibration=_calibration(marks),
+        values=_values(marks),
+        gap=_gap(marks),
+        power=", ".join(f"{share.hits} of {share.of}" for share in marks.power),
+        detection=_detection(marks),
+        worst=[{"case": miss.case, "kind": miss.kind, "reason": miss.reason} for miss in marks.worst],
+        listed=LISTED,
+        time=_time(exam.cases),
+        command=_command(exam),
+    )
+
+
+def share_text(value: float, trimmed: bool = True) -> str:
+    """As in "2.5 %"; "80 %" where trimmed, else "80.0 %"."""
+    if not isfinite(value):
+        return NOTHING
+    said = number(100.0 * value, 1)
+    return f"{said.removesuffix('.0') if trimmed else said}{NO_BREAK}%"
+
+
+def _beside(name: str) -> str:
+    return resources.files("rfca_rig.report").joinpath(name).read_text("utf-8")
+
+
+def _sentence(marks: Marks, count: int) -> str:
+    """What was asked, and the worst that can happen: a name that is false."""
+    names, null = marks.false_discoveries, marks.null_false_claims
+    said = f"{counted(count, 'campaign')} of another simulator, truths under seal: "
+    were = "was" if names.of == 1 else "were"
+    said += f"{names.hits} of {counted(names.of, 'name')} {were} false" if names.of else "nothing was named"
+    return f"{said}; {null.hits or 'none'} of {null.of} campaigns that lack nothing were given a name." if null.of else f"{said}."
+
+
+def _bar(bar: Bar) -> dict[str, str]:
+    limits = [("at least", bar.at_least), ("at most", bar.at_most)]
+    plain = any(limit is not None and limit > 1.0 for _, limit in limits)
+    text = _plain if plain else share_text
+    worse = "above" if bar.at_least is not None else "below"
+    return {
+        "name": bar.name,
+        "goal": " and ".join(f"{word} {text(limit)}" for word, limit in limits if limit is not None),
+        "value": _plain(bar.value) if plain else share_text(bar.value, trimmed=False),
+        "counted": bar.counted,
+        "bound": f"{worse} {text(bar.bound)}" if bar.bound is not None else "",
+        "passed": PASSED[bar.passed],
+    }
+
+
+def _plain(value: float) -> str:
+    return number(value, 1) if isfinite(value) else NOTHING
+
+
+def _outcomes(marks: Marks) -> dict[str, Any]:
+    lines = [(kind, sum(counts.values()), [counts.get(word, 0) for word in OUTCOMES]) for kind, counts in marks.outcomes.items()]
+    return {"words": OUTCOMES, "lines": lines, "totals": [sum(counts[place] for _, _, counts in lines) for place in range(len(OUTCOMES))]}
+
+
+def _pictures(exam: Examined) -> Mapping[str, str]:
+    single = any(case.kind == cases.SINGLE for case in exam.cases)
+    return {
+        "reliability": exam_pictures.reliability(exam.marks.calibration) if exam.marks.calibration.bins else "",
+        "power": exam_pictures.power(exam.cases) if single else "",
+        "errors": exam_pictures.parameter_errors(exam.cases) if exam.marks.values.count else "",
+        "gaps": exam_pictures.gaps(exam.cases) if exam.marks.gap_worse.of else "",
+    }
+
+
+def _calibration(marks: Marks) -> str:
+    found = marks.calibration
+    return (
+        f"Calibration error {share_text(found.ece)}, Brier score {number(found.brier, 3)}, logarithmic score {number(found.log_score, 3)}."
+    )
+
+
+def _values(marks: Marks) -> str:
+    found = marks.values
+    covered = f"; {share_text(found.coverage_90)} of the 90 % intervals hold the truth" if isfinite(found.coverage_90) else ""
+    return f"{counted(found.count, 'parameter')}: half of them within {share_text(found.median_error)}{covered}."
+
+
+def _gap(marks: Marks) -> str:
+    got = marks.gap_worse
+    return f"Median {share_text(marks.gap_closed)} over {counted(got.of, 'case')} with right names; {got.hits or 'none'} got worse."
+
+
+def _detection(marks: Marks) -> str:
+    alarms, missed, errors = (_of(share) for share in (marks.false_alarms, marks.missed, marks.detection_errors))
+    return (
+        f"As the DXC competitions count: {alarms} false alarms where nothing is missing; {missed} missed of what can be seen; "
+        f"{errors} cases with the wrong answer to whether anything is missing; {marks.classification_errors} names false or missing."
+    )
+
+
+def _of(share: Share) -> str:
+    return f"{share.hits} of {share.of}"
+
+
+def _time(marked: Sequence[MarkedCase]) -> str:
+    seconds = [case.seconds for case in marked if case.seconds is not None]
+    if not seconds:
+        return ""
+    median, longest, total = np.median(seconds), max(seconds), sum(seconds)
+    each = f"A diagnosis took {median:.0f} s of one core (median), {longest:.0f} s at most"
+    return f"{each}; all {len(seconds)} together {total / 3600.0:.1f} h."
+
+
+def _command(exam: Examined) -> str:
+    """What writes and marks the same cases again."""
+    numbers = {kind: number for kind, number in exam.plan.numbers.items() if number}
+    only = f' --kind "{next(iter(numbers))}"' if len(numbers) == 1 else ""
+    return f"rfca-rig prove --out DIR --seed {exam.plan.seed} --cases {sum(numbers.values())}{only}"

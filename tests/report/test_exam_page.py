@@ -1,0 +1,121 @@
+import csv
+import json
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+
+from rfca_rig.exam import cases
+from rfca_rig.exam.bars import bars
+from rfca_rig.exam.cases import shared_out
+from rfca_rig.exam.marked import MarkedCase, examined
+from rfca_rig.exam.outcome import OUTCOMES
+from rfca_rig.exam.plan import Plan
+from rfca_rig.report.exam_files import HEADER, as_json, write_exam
+from rfca_rig.report.exam_matrix import MatrixCell, matrix_of
+from rfca_rig.report.exam_page import page, share_text
+from tests.report.exams import made_up_exam
+from tests.report.test_report import Outline
+
+COUNT = 90
+
+
+@pytest.fixture(scope="module")
+def exam(tmp_path_factory):
+    return examined(made_up_exam(tmp_path_factory.mktemp("exam"), shared_out(COUNT), false_names=0.1))
+
+
+@pytest.fixture(scope="module")
+def shown(exam):
+    return page(exam)
+
+
+def test_the_page_is_whole_and_fetches_nothing(shown):
+    outline = Outline(shown)
+    assert len(set(outline.ids)) == len(outline.ids)
+    assert all(each.startswith(("#", "diagnoses/case-")) for each in outline.fetched)
+    assert "nan" not in outline.text and "None" not in outline.text
+    assert shown.count("<svg ") == 4
+
+
+def test_every_bar_is_told_with_goal_value_and_counts(exam, shown):
+    text = " ".join(Outline(shown).text.replace("\u00a0", " ").split())
+    for bar in bars(exam.marks):
+        assert bar.name in text and bar.counted in text
+    false = exam.marks.false_discoveries
+    assert false.hits > 0
+    assert f"wrong among all namesat most 5 %{100 * false.value:.1f} %{false.hits} of {false.of}" in text
+    assert f"{false.hits} of {false.of} names were false" in text
+    failed = sum(bar.passed is False for bar in bars(exam.marks))
+    assert failed > 0 and shown.count('<td class="failed">') == failed
+
+
+def test_the_worst_are_listed_with_reasons(exam, shown):
+    text = Outline(shown).text
+    assert exam.marks.worst
+    for miss in exam.marks.worst:
+        assert miss.reason in text and f'href="diagnoses/{miss.case}/diagnosis.html"' in shown
+
+
+def test_the_csv_has_a_line_for_each_case(exam, tmp_path):
+    write_exam(exam, tmp_path)
+    lines = list(csv.DictReader((tmp_path / "exam.csv").open()))
+    assert len(lines) == COUNT and tuple(lines[0]) == HEADER
+    outcomes = Counter(line["outcome"] for line in lines)
+    assert outcomes == Counter({word: n for word in OUTCOMES if (n := sum(c.get(word, 0) for c in exam.marks.outcomes.values()))})
+    for line in lines:
+        assert bool(line["named"]) == (line["verdict"] == "named") == bool(line["probability"])
+        assert 20.0 <= float(line["seconds"]) <= 200.0
+    strange = next(line for line in lines if line["kind"] == cases.STRANGER)
+    assert strange["truth"]
+
+
+def test_the_json_holds_bars_marks_and_cases(exam):
+    document = json.loads(as_json(exam))
+    assert document["seed"] == 3 and document["numbers"] == shared_out(COUNT)
+    assert [bar["name"] for bar in document["bars"]] == [bar.name for bar in bars(exam.marks)]
+    assert document["marks"]["false_discoveries"]["hits"] == exam.marks.false_discoveries.hits
+    assert sum(entry["count"] for entry in document["marks"]["confusion"]) == shared_out(COUNT)[cases.SINGLE]
+    assert len(document["cases"]) == COUNT
+
+
+def test_the_same_exam_gives_the_same_page(exam, shown):
+    assert page(exam) == shown
+
+
+def test_an_exam_of_one_kind_is_told_without_what_it_did_not_ask(tmp_path):
+    small = examined(made_up_exam(tmp_path, {cases.NOTHING: 4}, false_names=0.0))
+    told = page(small)
+    text = Outline(told).text
+    assert "nan" not in text and "no case" in text
+    assert "nothing was named; none of 4 campaigns that lack nothing were given a name" in text
+    assert '--cases 4 --kind "nothing missing"' in told.replace("&#34;", '"')
+    assert examined(tmp_path).plan == Plan(3, {cases.NOTHING: 4})
+
+
+PLAIN = MarkedCase("a", cases.SINGLE, ("tip_mass",), 0.5, 9.0, "named", ("tip_mass",), (0.9,), "right", (), None, None)
+
+
+def test_the_matrix_counts_and_shows_the_worst():
+    marked = [
+        PLAIN,
+        PLAIN,
+        replace(PLAIN, named=("fluid_drag",), outcome="class"),
+        replace(PLAIN, named=("fluid_drag",), outcome="wrong"),
+        replace(PLAIN, named=("tip_mass", "fluid_drag"), outcome="extra"),
+        replace(PLAIN, verdict="nothing missing", named=(), outcome="silent"),
+        replace(PLAIN, kind=cases.STRANGER, concealed=("cable_drag",), verdict="unexplained", named=(), outcome="right"),
+        replace(PLAIN, kind=cases.PAIR, concealed=("tip_mass", "sensor_lag")),
+    ]
+    matrix = matrix_of(marked)
+    assert (matrix.names, matrix.verdicts) == (("tip_mass", "fluid_drag"), ("several names", "nothing missing", "unexplained"))
+    (single, (row,)), (stranger, (other,)) = matrix.kinds
+    assert (single, stranger, row.concealed, other.concealed) == (cases.SINGLE, cases.STRANGER, "tip_mass", "cable_drag")
+    assert row.cells == (MatrixCell(2, "right"), MatrixCell(2, "wrong"), MatrixCell(1, "wrong"), MatrixCell(1, ""), None)
+    assert other.cells == (None, None, None, None, MatrixCell(1, "right"))
+
+
+def test_shares_in_words():
+    words = [share_text(each) for each in (0.0, 0.05, 0.124, 1.0)]
+    assert words == ["0\u00a0%", "5\u00a0%", "12.4\u00a0%", "100\u00a0%"]
+    assert (share_text(0.8, trimmed=False), share_text(float("nan"))) == ("80.0\u00a0%", "\u2013")
