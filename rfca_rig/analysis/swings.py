@@ -37,7 +37,8 @@ class SwingWindow:
     """A stretch of a run: what drives it, the smoothed state it starts from (n,), and what was measured.
 
     Times `t_s` (k,) count from the start; `bins` (b,) is where each bin of samples begins; `measured` (2, n, b) or (1, n, b) are means
-    of bins of angle [rad] and speed [rad/s], `noise_std` of the same shape.
+    of bins of angle [rad] and speed [rad/s], `sensor_std` of the same shape. `start_effect` (2 n, ...) is what an error of one standard
+    deviation in each angle and speed of the start makes of them, as the believed pendulum has it.
     """
 
     run: int
@@ -48,7 +49,18 @@ class SwingWindow:
     t_s: Floats
     bins: Places
     measured: Floats
-    noise_std: Floats
+    sensor_std: Floats
+    start_effect: Floats
+
+    @property
+    def noise_std(self) -> Floats:
+        """Of the sensors and of the uncertain start together; the start's share is common to the rows of a window."""
+        return np.asarray(np.sqrt(self.sensor_std**2 + (self.start_effect**2).sum(axis=0)))
+
+    @property
+    def middles_s(self) -> Floats:
+        """Where the bins lie, from the start, (b,)."""
+        return _binned(self.t_s[:, None], self.bins)[:, 0]
 
     def predicted(self, pendulum: DrivenPendulum) -> Floats:
         """The same as `measured` of the model. Raises SimulationFailed."""
@@ -100,8 +112,7 @@ class SwingProblem:
     @property
     def t_s(self) -> Floats:
         """Times of the rows in their runs, at the middle of their bins."""
-        middles = [w.start_s + _binned(w.t_s[:, None], w.bins)[:, 0] for w in self.windows]
-        return np.concatenate([np.tile(t, w.measured[:, :, 0].size) for t, w in zip(middles, self.windows, strict=True)])
+        return np.concatenate([np.tile(w.start_s + w.middles_s, w.measured[:, :, 0].size) for w in self.windows])
 
     def predicted(self, nuisances: Mapping[str, float], effects: Sequence[PresentEffect] = ()) -> Floats:
         """What the model says of all rows, with believed values off by `nuisances` and the effects in it.
@@ -120,12 +131,14 @@ class SwingProblem:
         return [window.measured.size for window in self.windows]
 
 
-def swings_of(campaign: PendulumCampaign, window_s: float = 0.5) -> SwingProblem:
-    """All windows of all runs. Raises BadInput where no run is long enough for one."""
+def swings_of(campaign: PendulumCampaign, window_s: float = 0.5, bin_s: float = BIN_S) -> SwingProblem:
+    """All windows of all runs, cut into bins. Raises BadInput where no run is long enough for one."""
     links = range(1, len(campaign.pendulum.links) + 1)
     nuisances = tuple(Nuisance(f"link{link}.{key}", std) for link in links for key, std in campaign.known_to.items())
     ready = driven(campaign.pendulum)
-    windows = tuple(w for place, run in enumerate(campaign.runs) for w in _windows(place, run, campaign.noise_std, window_s, ready))
+    windows = tuple(
+        w for place, run in enumerate(campaign.runs) for w in _windows(place, run, campaign.noise_std, (window_s, bin_s), ready)
+    )
     if not windows:
         raise BadInput(f"no run of {campaign.title} is longer than {window_s + 2 * SMOOTHED_S:g} s, which a window of {window_s:g} s needs")
     return SwingProblem(campaign.pendulum, nuisances, tuple(run.label for run in campaign.runs), windows)
@@ -166,22 +179,27 @@ _SHIFTS: Mapping[str, Callable[[PendulumLink, float], PendulumLink]] = {
 }
 
 
-def _windows(place: int, run: PendulumRun, noise_std: Mapping[str, float], window_s: float, ready: DrivenPendulum) -> list[SwingWindow]:
+def _windows(
+    place: int, run: PendulumRun, noise_std: Mapping[str, float], cut_s: tuple[float, float], ready: DrivenPendulum
+) -> list[SwingWindow]:
+    window_s, _ = cut_s
     starts = np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - window_s, window_s)
     channels = [run.angle_rad] if run.speed_rad_s is None else [run.angle_rad, run.speed_rad_s]
     stated = [noise_std.get(name) for name in ("angle_rad", "speed_rad_s")]
     noise = np.stack([np.full(c.shape[1], s) if s else _noise(c) for c, s in zip(channels, stated, strict=False)])
-    return [_window(place, run, float(start_s), window_s, channels, noise, ready) for start_s in starts]
+    return [_window(place, run, float(start_s), cut_s, channels, noise, ready) for start_s in starts]
 
 
 def _window(
-    place: int, run: PendulumRun, start_s: float, window_s: float, channels: list[Floats], noise: Floats, ready: DrivenPendulum
+    place: int, run: PendulumRun, start_s: float, cut_s: tuple[float, float], channels: list[Floats], noise: Floats, ready: DrivenPendulum
 ) -> SwingWindow:
+    window_s, bin_s = cut_s
     inside = (run.t_s > start_s) & (run.t_s <= start_s + window_s)
     t_s = run.t_s[inside] - start_s
-    bins = np.flatnonzero(np.diff(np.ceil(t_s / BIN_S - 1e-6), prepend=0.0))  # a sample on the edge ends its bin
+    bins = np.flatnonzero(np.diff(np.ceil(t_s / bin_s - 1e-6), prepend=0.0))  # a sample on the edge ends its bin
     angle, speed, angle_std, speed_std = _start(run, start_s, noise[0])
     counts = np.diff(np.append(bins, len(t_s)))
+    measured = np.stack([_binned(channel[inside], bins).T for channel in channels])
     window = SwingWindow(
         run=place,
         start_s=start_s,
@@ -190,10 +208,11 @@ def _window(
         speed_rad_s=speed,
         t_s=t_s,
         bins=bins,
-        measured=np.stack([_binned(channel[inside], bins).T for channel in channels]),
-        noise_std=noise[:, :, None] / np.sqrt(counts),
+        measured=measured,
+        sensor_std=noise[:, :, None] / np.sqrt(counts),
+        start_effect=np.empty((0, *measured.shape)),
     )
-    return _with_start_in_noise(window, ready, angle_std, speed_std)
+    return replace(window, start_effect=_start_effect(window, ready, angle_std, speed_std))
 
 
 def _trace(run: PendulumRun, start_s: float, window_s: float) -> TorqueTrace:
@@ -219,9 +238,9 @@ def _start(run: PendulumRun, start_s: float, noise: Floats) -> tuple[Floats, Flo
     return solution[0], solution[1] / half_s, spread[0], spread[1] / half_s
 
 
-def _with_start_in_noise(window: SwingWindow, ready: DrivenPendulum, angle_std: Floats, speed_std: Floats) -> SwingWindow:
-    """The window, to its noise added what an uncertain start makes of angles and speeds later on, as the believed pendulum has it."""
-    variance = window.noise_std**2
+def _start_effect(window: SwingWindow, ready: DrivenPendulum, angle_std: Floats, speed_std: Floats) -> Floats:
+    """What an uncertain start makes of angles and speeds later on, as the believed pendulum has it."""
+    found = []
     for joint in range(len(angle_std)):
         angle, speed = (std * np.eye(len(std))[joint] for std in (angle_std, speed_std))
         for by_angle, by_speed in ((angle, 0.0 * speed), (0.0 * angle, speed)):
@@ -229,8 +248,8 @@ def _with_start_in_noise(window: SwingWindow, ready: DrivenPendulum, angle_std: 
                 replace(window, angle_rad=window.angle_rad + sign * by_angle, speed_rad_s=window.speed_rad_s + sign * by_speed)
                 for sign in (1.0, -1.0)
             )
-            variance = variance + (0.5 * (ahead.predicted(ready) - behind.predicted(ready))) ** 2
-    return replace(window, noise_std=np.sqrt(variance))
+            found.append(0.5 * (ahead.predicted(ready) - behind.predicted(ready)))
+    return np.stack(found)
 
 
 def _binned(values: Floats, bins: Places) -> Floats:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from rfca_rig.diagnosis.coordinates import Choice, std_of, value_of
-from rfca_rig.diagnosis.gates import gates_of
+from rfca_rig.diagnosis.gates import gates_of, strain_of
 from rfca_rig.diagnosis.result import Gate, NamedEffect, Rival, Value, Verdict
 from rfca_rig.diagnosis.search import GOOD_FIT, PRIOR_UNKNOWN, Found, Hypothesis, fits_well
 
@@ -40,7 +40,9 @@ def decided(found: Found, candidates: int) -> Decision:
     nothing = _probability(rivals, ())
     best = _simplest(found, candidates)
     if best is None or nothing > 0.5:
-        return Decision("nothing missing", found.nothing, (), (), rivals, None, nothing)
+        strained = strain_of(found.nothing)
+        gates = (Gate("plausible", not strained, strained or "all values within what is plausible"),)
+        return Decision("unexplained" if strained else "nothing missing", found.nothing, (), gates, rivals, None, nothing)
     attempts = [_attempt(found, h, candidates, rivals, nothing) for h in (best, *_inside(found, best))]
     return next((attempt for attempt in attempts if attempt.verdict == "named"), attempts[0])
 

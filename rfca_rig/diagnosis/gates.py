@@ -141,9 +141,15 @@ def _plausible(best: Hypothesis) -> Gate:
         for parameter, z in zip(choice.free, mean[coordinates.part(number)], strict=True)
         if abs(z) > AT_A_BOUND
     ]
-    off = [name for name, z in zip(coordinates.space.names, mean, strict=False) if abs(z) > STRAINED]
-    problems = strained + [f"{name} far from believed" for name in off]
+    off = strain_of(best)
+    problems = strained + ([off] if off else [])
     return Gate("plausible", not problems, "; ".join(problems) or "all values within what is plausible")
+
+
+def strain_of(hypothesis: Hypothesis) -> str:
+    """The nuisances that had to leave what they are believed to be, in words; empty where none had to."""
+    names, mean = hypothesis.fitted.coordinates.space.names, hypothesis.judgement.posterior.mean
+    return "; ".join(f"{name} {z:+.1f} deviations from believed" for name, z in zip(names, mean, strict=False) if abs(z) > STRAINED)
 
 
 def _remainder(found: Found, best: Hypothesis) -> Gate:

@@ -110,6 +110,9 @@ def _place(group: list[tuple[Cell, float]]) -> Located:
     )
 
 
+UNITS = {"_rad_s": "rad/s", "_Nm": "N m", "_N": "N", "_deg": "deg", "_rad": "rad"}
+
+
 def unit_of(signal: str) -> str:
-    """The unit that a signal's name ends with, as people write it."""
-    return {"N": "N", "Nm": "N m", "deg": "deg", "rad": "rad"}[signal.rsplit("_", 1)[1]]
+    """The unit that a signal's name ends with, as people write it; nothing where it ends with none."""
+    return next((unit for ending, unit in UNITS.items() if signal.endswith(ending)), "")

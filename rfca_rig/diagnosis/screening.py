@@ -88,7 +88,7 @@ class Projection:
         """(chi2 that it could take away, factor by which it would have to be scaled for that)."""
         white = self.whitening(signature)
         inside = self.through(white)
-        power, match = float(white @ inside), float(inside @ self.residual)
+        power, match = float(white @ inside), float(white @ self.residual)
         if power <= 0.0:
             return 0.0, 1.0
         factor = float(np.clip(match / power, 1.0 / RESCALED, RESCALED))

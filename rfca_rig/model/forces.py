@@ -5,7 +5,7 @@ import numpy as np
 from rfca_rig.model.call import call_law
 from rfca_rig.model.compiled import inlined
 from rfca_rig.model.contact import add_contacts, add_contacts_with_effects, locate_ends
-from rfca_rig.model.laws import HINGE, LINK
+from rfca_rig.model.laws import HINGE, LINK, ROTOR
 from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
 
 TWO_OVER_PI = 2.0 / np.pi
@@ -122,30 +122,30 @@ def add_hinge_slope(i: int, slope: float, J: Floats) -> None:
 
 @inlined
 def add_hinge_laws(
-    chain: Chain, laws: Laws, state: State, elapsed: float, q: Floats, w: Floats, weights: Weights | None, work: Work
+    chain: Chain, laws: Laws, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work
 ) -> None:
     """What effects add in the hinges."""
     for i in range(chain.length.size):
         work.regime[1, i] = 0.0
     for m in range(laws.place.size):
-        if laws.place[m] == HINGE:
+        if laws.place[m] == HINGE or laws.place[m] == ROTOR:
             for i in range(1, chain.length.size):
                 if laws.only[m] in (-1, i):
-                    call_hinge(chain, laws, laws.address[m], m, i, state, elapsed, q, w, work)
+                    call_hinge(chain, laws, laws.address[m], m, i, state, elapsed, q, w, a, work)
                     work.R[i] += work.out[0]
                     work.R[i - 1] -= work.out[0]
                     work.regime[1, i] += work.out[1]
                     if weights is not None:
-                        add_hinge_slope(i, weights[2] * work.out[1] + weights[1] * work.out[2], work.J)
+                        add_hinge_slope(i, weights[2] * work.out[1] + weights[1] * work.out[2] + weights[0] * work.out[3], work.J)
 
 
 @inlined
 def call_hinge(
-    chain: Chain, laws: Laws, address: int, m: int, i: int, state: State, elapsed: float, q: Floats, w: Floats, work: Work
+    chain: Chain, laws: Laws, address: int, m: int, i: int, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, work: Work
 ) -> None:
     """Calls one of the two functions of hinge law m for hinge i."""
     work.x[0], work.x[1], work.x[2] = q[i] - q[i - 1], w[i] - w[i - 1], elapsed
-    work.x[3], work.x[4] = chain.k0[i], chain.k2[i]
+    work.x[3], work.x[4], work.x[5] = chain.k0[i], chain.k2[i], a[i] - a[i - 1]
     call_law(address, work.x, state.memory[m, i], laws.parameter[m], work.out)
 
 
@@ -228,7 +228,7 @@ def add_surroundings(
     else:
         add_frame(chain, q, w, a, weights, work)
         add_contacts_with_effects(chain, laws, w, weights, work)
-        add_hinge_laws(chain, laws, state, elapsed, q, w, weights, work)
+        add_hinge_laws(chain, laws, state, elapsed, q, w, a, weights, work)
         add_link_laws(chain, laws, state, w, weights, work)
 
 

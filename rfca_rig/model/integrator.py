@@ -115,7 +115,7 @@ def remember(chain: Chain, laws: Laws | None, state: State, h: float, work: Work
         if laws.advance[m] != 0:
             for i in range(1, chain.length.size):
                 if laws.only[m] in (-1, i):
-                    call_hinge(chain, laws, laws.advance[m], m, i, state, h, work.q, work.w, work)
+                    call_hinge(chain, laws, laws.advance[m], m, i, state, h, work.q, work.w, work.a, work)
 
 
 @inlined

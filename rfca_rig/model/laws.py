@@ -5,6 +5,8 @@ Python function that numba can compile, with one of these signatures; `memory` (
 
     HINGE   torque(phi, rate, elapsed, k0, k2, memory, parameter) -> (T, dT/dphi, dT/drate)
             T [N m] resists phi beside the believed spring k0 phi (1 + k2 phi^2); `elapsed` [s] since the step began
+    ROTOR   torque(phi, rate, acceleration, elapsed, k0, k2, memory, parameter) -> (T, dT/dphi, dT/drate, dT/dacceleration)
+            the same, for a law that is told the acceleration d2phi/dt2 [rad/s2] too
     LINK    force(v, length, memory, parameter) -> (F, dF/dv)
             F [N] at the middle of a link, across it, in the direction of growing angle, for the speed v [m/s] there
     SLIP    factor(v, memory, parameter) -> (f, df/dv)
@@ -12,7 +14,7 @@ Python function that numba can compile, with one of these signatures; `memory` (
     NORMAL  force(depth, rate, memory, parameter) -> (N, dN/d depth, dN/d rate)
             N [N] is added to the normal force of an end that is `depth` [m] in the ground and sinks at `rate` [m/s]
 
-A HINGE law with memory brings a second function, called once after each accepted step, which may change `memory`:
+A HINGE or ROTOR law with memory brings a second function, called once after each accepted step, which may change `memory`:
 
     advance(phi, rate, elapsed, k0, k2, memory, parameter)
 """
@@ -25,7 +27,7 @@ from typing import Any, cast
 import numba
 from numba import types
 
-HINGE, LINK, SLIP, NORMAL = range(4)
+HINGE, LINK, SLIP, NORMAL, ROTOR = range(5)
 
 Law = Callable[..., Any]
 
@@ -55,6 +57,14 @@ def _kept(wrapper: Law) -> int:
 def _hinge(law: Law) -> Law:
     def call(x, memory, parameter, out):  # type: ignore[no-untyped-def]
         out[0], out[1], out[2] = law(x[0], x[1], x[2], x[3], x[4], memory, parameter)
+        out[3] = 0.0
+
+    return call
+
+
+def _rotor(law: Law) -> Law:
+    def call(x, memory, parameter, out):  # type: ignore[no-untyped-def]
+        out[0], out[1], out[2], out[3] = law(x[0], x[1], x[5], x[2], x[3], x[4], memory, parameter)
 
     return call
 
@@ -87,7 +97,7 @@ def _normal(law: Law) -> Law:
     return call
 
 
-_WRAPPERS = {HINGE: _hinge, LINK: _link, SLIP: _slip, NORMAL: _normal}
+_WRAPPERS = {HINGE: _hinge, LINK: _link, SLIP: _slip, NORMAL: _normal, ROTOR: _rotor}
 
 
 @dataclass(frozen=True)

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.chain import Tolerance, advance, room_for
+from rfca_rig.model.chain import Tolerance, advance, laws_of, room_for
 from rfca_rig.model.effects.joint_friction import friction_of
 from rfca_rig.model.integrator import FIRST_STEP_S, remember
-from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.joint_drive import TorqueTrace, drive_of, is_drive, with_traces
-from rfca_rig.model.laws import HINGE, LINK, LawUse
+from rfca_rig.model.laws import HINGE, LINK, ROTOR, LawUse
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount
 from rfca_rig.model.setup import Setup, resolved
+from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Chain, Laws, State
 
 Floats = NDArray[np.float64]
@@ -128,8 +128,8 @@ def driven(pendulum: Pendulum, effects: Sequence[PresentEffect] = ()) -> DrivenP
         if effect.where == "ground" or not _acts(before, setup):
             raise BadInput(f"effect {present.id}: acts on ground, shaft or force sensor, which a pendulum does not have; leave it out")
     chain = setup.chain()
-    laws = setup.compiled_laws(chain)
-    if laws is None or chain.frame_mass > 0.0:
+    laws = setup.compiled_laws(chain) or laws_of(())
+    if chain.frame_mass > 0.0:
         raise BadInput("a pendulum hangs from a fixed joint; leave frame_compliance out")
     return DrivenPendulum(pendulum, chain, setup.laws, laws)
 
@@ -147,22 +147,27 @@ def swing(
     return driven(pendulum, effects).swing(trace, angle_rad, speed_rad_s, t_s, tolerance)
 
 
+def rods(pendulum: Pendulum) -> RigModel:
+    """The rig that effects see: rods of the right lengths and masses, without springs, ground or sensor."""
+    links = pendulum.links
+    leg = Leg((0.0, *(link.length_m for link in links)), (0.0, *(link.mass_kg for link in links)), 0.0, 0.0, 0.0, 0.0, 0.0)
+    return RigModel(leg, Ground(0.0, 0.0, 0.0, 1.0, 0.0), SensorMount(0.0), Drive(1.0))
+
+
 def _acts(before: Setup, after: Setup) -> bool:
     """Whether an effect changed anything that a pendulum has."""
     parts = ((before.chain_changes, after.chain_changes), (before.laws, after.laws), (before.rig.leg, after.rig.leg))
     changed = any(old is not new for old, new in parts)
-    elsewhere = after.drive is not before.drive or any(use.place not in (HINGE, LINK) for use in after.laws)
+    elsewhere = after.drive is not before.drive or any(use.place not in (HINGE, LINK, ROTOR) for use in after.laws)
     return changed and not elsewhere
 
 
 def _set_up(pendulum: Pendulum) -> Setup:
     """The plain pendulum. Its leg is made of rods; lengths and believed damping hold, the masses are put right in the chain."""
     links = pendulum.links
-    leg = Leg((0.0, *(link.length_m for link in links)), (0.0, *(link.mass_kg for link in links)), 0.0, 0.0, 0.0, 0.0, 0.0)
-    rig = RigModel(leg, Ground(0.0, 0.0, 0.0, 1.0, 0.0), SensorMount(0.0), Drive(1.0))
     drives = tuple(drive_of(joint) for joint, link in enumerate(links, start=1) if link.driven)
     friction = tuple(friction_of(link.joint_friction_Nm, joint) for joint, link in enumerate(links, start=1) if link.joint_friction_Nm)
-    return Setup(rig, NO_GROUND_M, FIXED, (lambda chain: _weighted(chain, pendulum),), drives + friction)
+    return Setup(rods(pendulum), NO_GROUND_M, FIXED, (lambda chain: _weighted(chain, pendulum),), drives + friction)
 
 
 def _weighted(chain: Chain, pendulum: Pendulum) -> Chain:

@@ -85,8 +85,8 @@ CASES = [
     ({}, {}, 2e-4),
     ({"torque_scale": {"factor": 0.7}}, {"factor": 0.7}, 2e-4),
     ({"added_mass": {"mass_kg": 0.3}}, {"tip": 0.3}, 1e-3),
-    ({"joint_inertia": {"inertia_kg_m2": 0.003}}, {"inertia": 0.003}, 1e-3),
-    ({"joint_inertia": {"inertia_kg_m2": 0.1}}, {"inertia": 0.1}, 1e-3),
+    ({"joint_inertia": {"inertia_kg_m2": 0.003}}, {"inertia": 0.003}, 2e-4),
+    ({"joint_inertia": {"inertia_kg_m2": 0.1}}, {"inertia": 0.1}, 2e-4),
 ]
 
 
@@ -112,6 +112,12 @@ def test_the_steps_that_are_used_by_default_are_fine_enough_for_an_encoder(inert
     effects = having(joint_inertia={"inertia_kg_m2": inertia}) if inertia else ()
     ours = swing(DOUBLE, torque_trace(FINE_T, torques(FINE_T).T), START, SPEED, T, effects)
     assert ours.angle_rad == pytest.approx(by_scipy(inertia)[:, :2], abs=1e-3)
+
+
+def test_a_pendulum_that_nothing_drives_or_brakes_swings_too():
+    free = Pendulum((PendulumLink(0.5, 0.6, 0.4, 0.11, driven=False),))
+    t = np.linspace(0.1, 2.0, 20)
+    assert let_go(free, 1.0, t).angle_rad == pytest.approx(let_go(SINGLE, 1.0, t).angle_rad, abs=1e-9)
 
 
 def test_one_scale_of_the_torque_multiplies_another():
@@ -161,7 +167,7 @@ def test_a_trace_keeps_its_shape_between_uneven_times_and_its_last_value_beyond(
     heavy = Pendulum((PendulumLink(0.5, 1e-6, 0.0, 2.0),))
     rising = torque_trace(np.array([0.0, 1.0]), np.array([[0.0], [2.0]]))
     speed = swing(heavy, rising, np.zeros(1), np.zeros(1), np.array([1.0, 2.0])).speed_rad_s
-    assert speed[:, 0] == pytest.approx([0.5, 1.5], abs=1e-6)
+    assert speed[:, 0] == pytest.approx([0.5, 1.5], abs=5e-6)  # a step across the kink at 1 s errs by its square
 
 
 FOREIGN = {

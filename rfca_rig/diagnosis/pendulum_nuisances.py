@@ -1,0 +1,66 @@
+"""What every hypothesis about a pendulum may move: the values of [known_to], of each link."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rfca_rig.analysis.fitting.parameters import Parameter, Space, Supposed
+from rfca_rig.analysis.swings import Nuisance
+from rfca_rig.model.pendulum import Pendulum, rods
+
+NEVER_NEGATIVE = ("joint_damping_Nm_s_per_rad", "joint_friction_Nm")
+SOFTNESS = 0.3  # of a standard deviation: how roundly a value that is never negative approaches zero
+
+
+@dataclass(frozen=True)
+class SupposedPendulum(Supposed):
+    """What one simulation of a pendulum supposes: the effects in `rig`, and by how much believed values are off, by nuisance."""
+
+    off: tuple[tuple[str, float], ...] = ()
+
+
+def space_of_pendulum(pendulum: Pendulum, nuisances: Sequence[Nuisance]) -> Space:
+    """The space of the nuisances around the pendulum as believed."""
+    parameters = tuple(_parameter(nuisance, _believed(pendulum, nuisance.name)) for nuisance in nuisances)
+    std = np.array([nuisance.std for nuisance in nuisances])
+    return Space(parameters, SupposedPendulum(rods(pendulum)), std, np.ones(len(std), dtype=bool))
+
+
+def _believed(pendulum: Pendulum, name: str) -> float | None:
+    """The believed value where it is never negative, None for all others."""
+    link, _, key = name.partition(".")
+    if key not in NEVER_NEGATIVE:
+        return None
+    return float(getattr(pendulum.links[int(link.removeprefix("link")) - 1], key))
+
+
+def _parameter(nuisance: Nuisance, believed: float | None) -> Parameter:
+    def read(at: Supposed) -> float:
+        return dict(of_pendulum(at).off).get(nuisance.name, 0.0)
+
+    def write(at: Supposed, value: float) -> Supposed:
+        by = value if believed is None else never_below(believed, nuisance.std)(value)
+        before = of_pendulum(at)
+        return replace(before, off=(*(pair for pair in before.off if pair[0] != nuisance.name), (nuisance.name, by)))
+
+    unit = "" if nuisance.name.endswith("_relative") else nuisance.name.split("_", 2)[-1]
+    return Parameter(nuisance.name, unit, False, nuisance.std, read, write)
+
+
+def of_pendulum(at: Supposed) -> SupposedPendulum:
+    """What is supposed, with nothing off where it was not said."""
+    return at if isinstance(at, SupposedPendulum) else SupposedPendulum(at.rig)
+
+
+def never_below(believed: float, std: float) -> Callable[[float], float]:
+    """The shift that is made of a shift asked for: nearly the same where the value stays well above zero, and none takes it below.
+
+    The positive root v of v (v - u) = w^2, for the value u asked for and w = SOFTNESS std / 2; smooth, so that slopes tell the truth.
+    """
+    half = 0.5 * SOFTNESS * std
+
+    def positive(value: float) -> float:
+        return 0.5 * (value + float(np.hypot(value, 2.0 * half)))
+
+    return lambda by: positive(believed + by) - believed

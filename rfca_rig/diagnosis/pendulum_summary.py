@@ -1,0 +1,156 @@
+"""The verdict on a pendulum with the figures beside it. What only a leg has, as valleys, stays empty."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.campaign.pendulum import PendulumCampaign
+from rfca_rig.diagnosis.covariance import factored
+from rfca_rig.diagnosis.deciding import Decision
+from rfca_rig.diagnosis.detectable import not_seen
+from rfca_rig.diagnosis.linear import Linear, posterior_of
+from rfca_rig.diagnosis.pendulum_parts import BIN_S, WINDOW_S
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, NotSeen, Overlay, Value, Verdict
+from rfca_rig.diagnosis.screening import projection_of
+from rfca_rig.diagnosis.search import PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN, Found, Hypothesis
+from rfca_rig.diagnosis.summing_up import present_effects
+from rfca_rig.model.effect import Effect
+
+Floats = NDArray[np.float64]
+
+FEWEST_STRETCHES = 3
+
+
+def summed_up(campaign: PendulumCampaign, found: Found, decision: Decision, effects: Sequence[Effect]) -> Diagnosis:
+    """The whole answer."""
+    verdict: Verdict = decision.verdict if len(found.evidence.parts) >= FEWEST_STRETCHES else "not enough data"
+    accepted = decision.accepted if verdict == "named" else found.nothing
+    supposed = accepted.fitted.coordinates.supposed(accepted.judgement.posterior.mean)
+    return Diagnosis(
+        title=campaign.title,
+        verdict=verdict,
+        sentence=_sentence(verdict, decision, len(found.evidence.parts)),
+        located=(),
+        cells=(),
+        effects=decision.effects if verdict == "named" else (),
+        gates=decision.gates,
+        rivals=decision.rivals[:12],
+        not_seen=_not_seen(found, accepted, effects),
+        fit=_fit(found, accepted),
+        held_out=_held_out(found, accepted),
+        valley={},
+        unexplained=_unexplained(verdict, decision),
+        remarks=(),
+        next_experiment=None,
+        believed_values=_values(accepted),
+        overlays=_overlays(found, accepted),
+        settings=_settings(found, effects),
+        found_effects=present_effects(accepted),
+        found_rig=supposed.rig,
+    )
+
+
+def _sentence(verdict: Verdict, decision: Decision, stretches: int) -> str:
+    if verdict == "named":
+        what = " and ".join(f"{effect.left_out} ({effect.id})" for effect in decision.effects)
+        others = sorted({other for effect in decision.effects for other in effect.cannot_tell_from})
+        tail = f"; these data cannot tell it from {', '.join(others)}" if others else ""
+        return f"The model lacks: {what}, with probability {min(effect.probability for effect in decision.effects):.2f}{tail}."
+    if verdict == "nothing missing":
+        return f"Nothing is missing that these recordings would show, with probability {min(decision.probability_nothing, 0.99):.2f}."
+    if verdict == "not enough data":
+        return f"Not enough data for a verdict: {stretches} stretches of two seconds, {FEWEST_STRETCHES} are needed."
+    like = f" It behaves partly like {' with '.join(decision.suspected.ids)}, which is not claimed." if decision.suspected else ""
+    return f"Something is missing that no entry of the catalogue explains.{like}"
+
+
+def _unexplained(verdict: Verdict, decision: Decision) -> tuple[str, ...]:
+    if verdict in ("named", "nothing missing"):
+        return ()
+    closest = (f"closest is {' with '.join(decision.suspected.ids)}, not claimed",) if decision.suspected else ()
+    return (*closest, *(f"{gate.name}: {gate.found}" for gate in decision.gates if not gate.passed))
+
+
+def _not_seen(found: Found, accepted: Hypothesis, effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
+    fitted = accepted.fitted
+    projection = projection_of(fitted, found.evidence.rows.measured, accepted.judgement.whitening)
+    others = [effect for effect in effects if effect.id not in accepted.ids]
+    return not_seen(others, found.trials, projection, fitted.coordinates.supposed(fitted.x).rig)
+
+
+def _after(accepted: Hypothesis) -> Floats:
+    """The accepted model's rows at the posterior mean."""
+    fitted = accepted.fitted
+    return fitted.predicted + fitted.slope @ (accepted.judgement.posterior.mean - fitted.x)
+
+
+def _fit(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
+    """Rms per signal of the model as believed and as accepted, and what noise leaves of it."""
+    rows, after = found.evidence.rows, _after(accepted)
+    return {
+        f"rms_{signal}": BeforeAfter(
+            _rms((rows.measured - found.believed.predicted)[here]), _rms((rows.measured - after)[here]), _rms(rows.noise[here])
+        )
+        for signal, here in _signals(found)
+    }
+
+
+def _held_out(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
+    """The same on stretches left out in turn: all unknowns fitted to the others, without and with the effect."""
+    if len(found.evidence.parts) < 2:
+        return {}
+    before, after = (_foretold_apart(found, hypothesis) for hypothesis in (found.nothing, accepted))
+    noise = found.evidence.rows.noise
+    return {f"held_out_rms_{s}": BeforeAfter(_rms(before[h]), _rms(after[h]), _rms(noise[h])) for s, h in _signals(found)}
+
+
+def _foretold_apart(found: Found, hypothesis: Hypothesis) -> Floats:
+    rows, covariance = found.evidence.rows, hypothesis.judgement.whitening.covariance()
+    linear = hypothesis.fitted.linear(rows.measured)
+    apart = np.empty(len(rows.measured))
+    for number in range(len(found.evidence.parts)):
+        out = rows.condition == number
+        kept = Linear(linear.target[~out], linear.slope[~out])
+        mean = posterior_of(kept, factored(covariance[np.ix_(~out, ~out)])).mean
+        apart[out] = linear.target[out] - linear.slope[out] @ mean
+    return apart
+
+
+def _signals(found: Found) -> list[tuple[str, NDArray[np.bool_]]]:
+    signal = found.evidence.rows.signal
+    return [(str(name), signal == name) for name in np.unique(signal)]
+
+
+def _values(accepted: Hypothesis) -> Mapping[str, Value]:
+    """By how much the believed values are off."""
+    space, posterior = accepted.fitted.coordinates.space, accepted.judgement.posterior
+    std = np.sqrt(np.diag(posterior.covariance))[: len(space.std)] * space.std
+    at = space.at(posterior.mean[: len(space.std)])
+    return {parameter.name: Value(parameter.read(at), float(s)) for parameter, s in zip(space.parameters, std, strict=True)}
+
+
+def _overlays(found: Found, accepted: Hypothesis) -> tuple[Overlay, ...]:
+    rows, after = found.evidence.rows, _after(accepted)
+    return tuple(
+        Overlay(label.condition, label.signal, rows.t_s[here], rows.measured[here], found.believed.predicted[here], after[here])
+        for number, label in enumerate(rows.labels)
+        if len(here := np.flatnonzero(rows.label == number))
+    )
+
+
+def _settings(found: Found, effects: Sequence[Effect]) -> Mapping[str, object]:
+    return {
+        "model_error_assumed": "half-normal, torques wrong by 1 %",
+        "model_error_found": float(found.nothing.judgement.error),
+        "window_s": WINDOW_S,
+        "bin_s": BIN_S,
+        "conditions": len(found.evidence.parts),
+        "rows": len(found.evidence.rows.measured),
+        "effects_tried": [effect.id for effect in effects],
+        "prior": {"nothing missing": PRIOR_NOTHING, "unknown": PRIOR_UNKNOWN, "one effect": PRIOR_ONE, "two effects": PRIOR_TWO},
+    }
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,189 @@
+"""The diagnosis of pendulums, on recordings of real ones with physics left out of the believed model, and on simulated ones."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rfca_rig.analysis.swings import swings_of
+from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign
+from rfca_rig.diagnosis.pendulum import diagnose_pendulum
+from rfca_rig.diagnosis.pendulum_nuisances import SupposedPendulum, never_below, space_of_pendulum
+from rfca_rig.diagnosis.pendulum_parts import stretches_of
+from rfca_rig.model.joint_drive import torque_trace
+from rfca_rig.model.parameters import PresentEffect
+from rfca_rig.model.pendulum import Pendulum, PendulumLink, driven, rods
+
+DATA = Path(__file__).parents[1] / "data" / "dfki-pendulum"
+FRICTION_Nm = 0.17  # what the authors' runs with the light weight say
+
+
+def diagnosed(campaign):
+    told = []
+    found = diagnose_pendulum(campaign, lambda _, share: told.append(share))
+    assert told == sorted(told)
+    return found
+
+
+def believing_friction(campaign):
+    links = tuple(replace(link, joint_friction_Nm=FRICTION_Nm) for link in campaign.pendulum.links)
+    return replace(campaign, pendulum=Pendulum(links))
+
+
+@pytest.fixture(scope="module")
+def simple():
+    return diagnosed(read_pendulum_campaign(DATA / "simple"))
+
+
+def test_friction_left_out_of_a_real_pendulum_is_named_at_its_size(simple):
+    assert simple.verdict == "named"
+    (effect,) = simple.effects
+    assert (effect.id, effect.cannot_tell_from) == ("joint_friction", ())
+    assert 0.12 < effect.parameters["torque_Nm"].value < 0.22
+    assert "joint_friction" in simple.sentence
+
+
+def test_what_is_printed_beside_the_name_hangs_together(simple):
+    assert [present.id for present in simple.found_effects] == ["joint_friction"]
+    assert [present.id for present in simple.found_rig.effects] == ["joint_friction"]
+    assert all(figure.after < 0.3 * figure.before for figure in simple.fit.values())
+    assert all(figure.after < 0.7 * figure.before for figure in simple.held_out.values())
+    assert {overlay.signal for overlay in simple.overlays} == {"angle1_rad", "speed1_rad_s"}
+    assert "joint_friction" not in {other.id for other in simple.not_seen}
+
+
+def test_where_the_friction_is_believed_nothing_is_claimed_of_the_same_recordings():
+    found = diagnosed(believing_friction(read_pendulum_campaign(DATA / "simple")))
+    assert (found.verdict, found.effects) == ("nothing missing", ())
+
+
+@pytest.mark.exam
+def test_a_real_weight_that_was_added_is_named_or_one_that_does_the_same():
+    found = diagnosed(read_pendulum_campaign(DATA / "simple-heavier"))
+    assert found.verdict == "named"
+    (effect,) = found.effects
+    assert {effect.id, *effect.cannot_tell_from} <= {"added_mass", "torque_scale"}
+
+
+THREE_PUBLISHED_SETS_AGREE_TO = {"mass_relative": 0.2, "centre_of_mass_m": 0.02, "joint_damping_Nm_s_per_rad": 0.01}
+
+
+@pytest.mark.exam
+@pytest.mark.timeout(600)
+def test_friction_and_rotors_left_out_of_a_real_double_pendulum_are_named_where_the_believed_values_are_as_uncertain_as_they_are():
+    campaign = replace(read_pendulum_campaign(DATA / "double"), known_to=THREE_PUBLISHED_SETS_AGREE_TO)
+    found = diagnosed(campaign)
+    assert found.verdict == "named"
+    assert {effect.id for effect in found.effects} == {"joint_friction", "joint_inertia"}
+    assert all(effect.cannot_tell_from == () for effect in found.effects)
+
+
+@pytest.mark.exam
+@pytest.mark.timeout(600)
+def test_friction_and_rotors_left_out_of_a_real_double_pendulum_are_what_it_behaves_like():
+    found = diagnosed(read_pendulum_campaign(DATA / "double"))
+    assert set(found.rivals[0].ids) == {"joint_friction", "joint_inertia"}
+    assert found.rivals[0].probability > 0.99
+    assert found.verdict in ("named", "unexplained")
+
+
+BELIEVED = Pendulum((PendulumLink(0.5, 0.6, 0.4, 0.11, 0.004),))
+KNOWN_TO = {"mass_relative": 0.02, "joint_damping_Nm_s_per_rad": 0.005, "torque_offset_Nm": 0.02}
+ANGLE_NOISE, SPEED_NOISE = 5e-4, 0.02
+
+
+def simulated(*effects: PresentEffect, pendulum: Pendulum = BELIEVED) -> PendulumCampaign:
+    return PendulumCampaign(
+        "simulated",
+        BELIEVED,
+        KNOWN_TO,
+        {"angle_rad": ANGLE_NOISE, "speed_rad_s": SPEED_NOISE},
+        tuple(recorded(seed, pendulum, effects) for seed in (1, 2)),
+    )
+
+
+def recorded(seed: int, pendulum: Pendulum, effects: tuple[PresentEffect, ...]) -> PendulumRun:
+    random = np.random.default_rng(seed)
+    t_s = np.arange(0.0, 4.3, 0.004)
+    torque = 1.2 * np.sin((4.0 + seed) * t_s + seed)[:, None]
+    after = driven(pendulum, effects).swing(torque_trace(t_s, torque), np.array([0.8]), np.zeros(1), t_s[1:])
+    angle, speed = np.append(0.8, after.angle_rad)[:, None], np.append(0.0, after.speed_rad_s)[:, None]
+    noisy = angle + random.normal(0, ANGLE_NOISE, angle.shape), speed + random.normal(0, SPEED_NOISE, speed.shape)
+    return PendulumRun(f"sine {seed}, repeat 1", f"sine {seed}", 1, t_s, *noisy, torque)
+
+
+def test_of_a_simulated_pendulum_nothing_is_claimed_where_believed_values_alone_are_off():
+    link = BELIEVED.links[0]
+    other = Pendulum((replace(link, mass_kg=1.03 * link.mass_kg, inertia_kg_m2=1.03 * link.inertia_kg_m2, torque_offset_Nm=0.02),))
+    assert diagnosed(simulated(pendulum=other)).verdict == "nothing missing"
+
+
+@pytest.mark.parametrize(
+    ("id_", "name", "value"),
+    [("joint_inertia", "inertia_kg_m2", 0.02), ("added_mass", "mass_kg", 0.15), ("joint_friction", "torque_Nm", 0.1)],
+)
+def test_in_a_simulated_pendulum_what_was_left_out_is_named_or_one_that_cannot_be_told_from_it(id_, name, value):
+    found = diagnosed(simulated(PresentEffect(id_, ((name, value),))))
+    (effect,) = found.effects
+    assert id_ in (effect.id, *effect.cannot_tell_from)
+    if id_ == effect.id:
+        assert effect.parameters[name].value == pytest.approx(value, rel=0.1)
+
+
+def test_too_short_a_recording_is_not_enough_data():
+    campaign = simulated(PresentEffect("joint_friction", (("torque_Nm", 0.1),)))
+    run = campaign.runs[0]
+    kept = run.t_s < 1.8
+    short = replace(run, t_s=run.t_s[kept], angle_rad=run.angle_rad[kept], speed_rad_s=run.speed_rad_s[kept], torque_Nm=run.torque_Nm[kept])
+    assert diagnosed(replace(campaign, runs=(short,))).verdict == "not enough data"
+
+
+def test_rows_lie_beside_what_the_model_says_of_them():
+    problem = swings_of(simulated(), 0.5, 0.05)
+    stretches = stretches_of(problem)
+    assert len(stretches) == 4
+    assert stretches[0].named == "sine 1, repeat 1, 0.1 to 2.1 s"
+    supposed = space_of_pendulum(BELIEVED, problem.nuisances).at(np.zeros(3))
+    for stretch in stretches:
+        rows = stretch.rows()
+        usual = np.hypot(rows.noise, 0.01 * rows.scale)
+        assert np.sqrt(np.mean(((rows.measured - stretch.simulated(supposed)) / usual) ** 2)) < 1.0
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["angle", "speed"])
+def test_what_an_uncertain_start_does_is_taken_off_as_far_as_it_can_be_told_from_noise(which):
+    first = stretches_of(swings_of(simulated(), 0.5, 0.05))[0].windows[0]
+    ready, effect = driven(BELIEVED), first.window.start_effect[which]
+    usual = np.hypot(first.window.sensor_std, 0.01 * first.scale)
+    told = np.sum((effect / usual) ** 2)
+    moved = replace(first, window=replace(first.window, measured=first.window.predicted(ready) + effect))
+    left = moved.window.measured - moved.predicted(ready)
+    assert np.linalg.norm(left / usual) < 1.5 / (1.0 + told) * np.linalg.norm(effect / usual)
+
+
+def test_the_model_s_error_grows_as_a_wrong_torque_makes_it_grow():
+    window = stretches_of(swings_of(simulated(), 0.5, 0.05))[0].windows[0]
+    t_s = window.window.middles_s
+    growth = window.scale[0, 0] / t_s**2
+    assert growth[2:5] == pytest.approx(growth[1], rel=0.1)
+    torque_Nm = 2.0 * growth[1] * 0.11
+    assert 0.8 < torque_Nm < 3.0  # weight 9.81 * 0.24 N m times the sine of the angle, and the drive
+
+
+def test_effects_of_a_supposed_pendulum_are_in_its_rig():
+    problem = swings_of(simulated(), 0.5, 0.05)
+    stretch = stretches_of(problem)[0]
+    plain = SupposedPendulum(rods(BELIEVED))
+    friction = replace(plain, rig=replace(plain.rig, effects=(PresentEffect("joint_friction", (("torque_Nm", 0.3),)),)))
+    assert np.abs(stretch.simulated(friction) - stretch.simulated(plain)).max() > 0.05
+    shifted = replace(plain, off=(("link1.torque_offset_Nm", 0.3),))
+    assert np.abs(stretch.simulated(shifted) - stretch.simulated(plain)).max() > 0.05
+
+
+@pytest.mark.parametrize("believed", [0.0, 0.01, 0.1])
+def test_a_value_that_is_never_negative_stays_so_and_is_moved_as_asked_where_there_is_room(believed):
+    shift = never_below(believed, 0.01)
+    assert all(believed + shift(by) > 0.0 for by in (-1.0, -0.1, -0.01, 0.0))
+    assert shift(0.1) == pytest.approx(0.1, abs=1e-3)
+    assert shift(0.0) == pytest.approx(0.0, abs=2e-3)
