@@ -23,8 +23,12 @@ def campaign(folder, effects):
     return read_campaign(folder / "campaign")
 
 
+def silent(_text, _share):
+    pass
+
+
 def told(recording):
-    return diagnose([recording], lambda text, share: None)
+    return diagnose([recording], silent)
 
 
 def test_where_nothing_was_left_out_nothing_is_claimed(tmp_path):
