@@ -19,7 +19,7 @@ from rfca_rig.model.effect import Effect
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-REFINED = 8  # effects whose best point is sought, of those that screening ranks highest
+REFINED = 7  # effects whose best point is sought, of those that screening ranks highest
 POLISHED_BEST = 3  # hypotheses of each size that are brought to their very best point
 CLEARLY_BETTER = 10.0  # log evidence
 STARTS = 2  # places per effect to begin from, where the second promises half of the first
@@ -27,7 +27,7 @@ WORTH_A_FIT = 6.0  # chi2 that an effect must promise to take away, or it cannot
 GOOD_FIT = 0.011  # a model error below which no further effect is sought,
 STRAINED = 2.5  # unless a nuisance is that many standard deviations from where it is believed
 BUILT_ON = 2  # effects that pairs are built on
-PARTNERS = 5  # partners refined for each
+PARTNERS = 3  # partners refined for each
 PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO = 0.5, 0.1, 0.3, 0.1
 
 
@@ -76,7 +76,7 @@ def searched(evidence: Evidence, coordinates: Coordinates, effects: Sequence[Eff
     progress("a first look at every effect", 0.1)
     trials = tried(evidence, base, [choice for effect in effects for choice in choices_of(effect)])
     progress("each effect", 0.3)
-    singles = _refined(descent, base, _promising(descent, base, trials, REFINED))
+    singles = _refined(descent, base, _promising(descent, base, trials, REFINED, STARTS))
     singles = _best_polished(descent, singles)
     scatter = _scatter_around_best(descent, base, singles) or scatter
     descent = Descent(evidence, judge_of(evidence.rows, scatter.columns))
@@ -124,7 +124,7 @@ def _without(descent: Descent, pair: Fitted, number: int) -> Fitted | None:
     return descent.at(coordinates.with_choices(kept), np.delete(pair.x, drop))
 
 
-def _promising(descent: Descent, base: Fitted, trials: Iterable[Trial], count: int) -> list[list[Trial]]:
+def _promising(descent: Descent, base: Fitted, trials: Iterable[Trial], count: int, starts: int) -> list[list[Trial]]:
     """For the effects that could take away most of the misfit, the best places to begin from."""
     measured = descent.evidence.rows.measured
     projection = projection_of(base, measured, descent.judge.level(base.linear(measured)))
@@ -133,7 +133,7 @@ def _promising(descent: Descent, base: Fitted, trials: Iterable[Trial], count: i
         gains.setdefault((trial.choice.effect.id, trial.choice.whole), []).append((projection.gain(trial.signature)[0], trial))
     ranked = [sorted(group, key=lambda pair: -pair[0]) for group in gains.values()]
     ranked = sorted((group for group in ranked if group[0][0] > WORTH_A_FIT), key=lambda group: -group[0][0])
-    return [[trial for gain, trial in group[:STARTS] if gain >= 0.5 * group[0][0]] for group in ranked[:count]]
+    return [[trial for gain, trial in group[:starts] if gain >= 0.5 * group[0][0]] for group in ranked[:count]]
 
 
 def _refined(descent: Descent, base: Fitted, groups: Sequence[Sequence[Trial]]) -> list[Fitted]:
@@ -177,7 +177,7 @@ def _pairs(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Se
     for _, single in judged[:BUILT_ON]:
         own = _ids(single)
         others = [trial for trial in trials if trial.choice.effect.id not in own]
-        groups = _promising(descent, single, others, PARTNERS)
+        groups = _promising(descent, single, others, PARTNERS, 1)
         new = [group for group in groups if frozenset((*own, group[0].choice.effect.id)) not in found]
         for pair in _refined(descent, single, new):
             found[frozenset(_ids(pair))] = pair

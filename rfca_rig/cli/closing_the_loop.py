@@ -1,0 +1,121 @@
+"""The rounds of `rfca-rig diagnose --close-the-loop`: run what the diagnosis proposes, diagnose old and new together, and again."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rfca_rig.bench.recorder import Recorder
+from rfca_rig.campaign.opening import open_with_belief
+from rfca_rig.cli.running import Order, carry_out
+from rfca_rig.cli.terminal import Say, marked
+from rfca_rig.description.model_file import ModelFile
+from rfca_rig.description.protocol_file import read_dynamic, read_static
+from rfca_rig.description.rig_file import RigFile, read_rig
+from rfca_rig.description.toml import checked, read_text
+from rfca_rig.diagnosis.next_protocol import NEXT_PROTOCOL
+from rfca_rig.diagnosis.result import Diagnosis
+from rfca_rig.errors import BadInput
+from rfca_rig.protocol.experiments import flapping_plan, static_plan
+from rfca_rig.protocol.plan import Plan, Stage
+from rfca_rig.recording.form import Recording
+
+Diagnosing = Callable[[Sequence[Recording]], Diagnosis]
+
+
+@dataclass(frozen=True)
+class Loop:
+    """What was asked for: the rig, at most how many rounds, where new runs go, and the folder of the diagnosis."""
+
+    rig_path: Path
+    rounds: int
+    runs: Path
+    out: Path
+    seed: int | None
+    quiet: bool
+
+
+def close_the_loop(loop: Loop, recordings: Sequence[Recording], diagnosis: Diagnosis, diagnosed: Diagnosing) -> Diagnosis:
+    """The last diagnosis, when nothing is open, nothing more would help, only a person could do it, or the rounds are used up.
+
+    `diagnosed` takes all recordings so far and writes what it finds into `loop.out`, the next protocol with it. A real rig asks to be armed
+    in every round. Raises BadInput where the rig must not or cannot do it.
+    """
+    rig = read_rig(loop.rig_path)
+    say = marked("REAL" if rig.is_real else "SIM", loop.quiet)
+    for number in range(1, loop.rounds + 1):
+        proposal = diagnosis.next_experiment
+        if proposal is None or proposal["protocol"] is None:
+            break
+        say(f"round {number} of {loop.rounds}: {proposal['why']}")
+        folder = _run(loop, rig, recordings[0], number)
+        recordings = [*recordings, *open_with_belief([folder])]
+        diagnosis = diagnosed(recordings)
+        say(f"round {number} of {loop.rounds}: {folder}: {diagnosis.sentence}")
+    say(_ending(diagnosis))
+    return diagnosis
+
+
+def _ending(diagnosis: Diagnosis) -> str:
+    proposal = diagnosis.next_experiment
+    if proposal is not None and proposal["protocol"] is None:
+        return f"the next experiment is not one for the rig: {proposal['kind']}, {proposal['why']}"
+    if proposal is not None:
+        return f"the rounds are used up; next: {proposal['why']}"
+    settled = diagnosis.verdict in ("named", "nothing missing") and not any(effect.cannot_tell_from for effect in diagnosis.effects)
+    return "nothing is left open" if settled else "nothing more that this rig can do would help"
+
+
+def _run(loop: Loop, rig: RigFile, first: Recording, number: int) -> Path:
+    """The proposed protocol on the rig, as the run commands do it: plan printed and checked, a real rig armed by what is typed."""
+    path = loop.out / NEXT_PROTOCOL
+    model, model_text = _belief(rig, first)
+    order = Order(
+        rig=rig,
+        rig_text=read_text(loop.rig_path),
+        protocol_text=read_text(path),
+        plan=_plan(path, rig),
+        seed=_seed(loop, rig, number),
+        runs=loop.runs,
+        quiet=loop.quiet,
+        dry=False,
+        model=model,
+        model_text=model_text,
+    )
+    folder, _ = carry_out(order, _unsaid)
+    if folder is None:
+        raise BadInput(f"{path}: nothing was recorded")
+    return folder
+
+
+def _unsaid(stage: Stage, recorder: Recorder, say: Say) -> None:
+    """Every stage stands in the progress bar, none on a line of its own."""
+
+
+def _plan(path: Path, rig: RigFile) -> Plan:
+    if 'experiment = "static"' in read_text(path).splitlines():
+        return static_plan(read_static(path).static_stages(), rig.facts())
+    return flapping_plan(read_dynamic(path).flapping(), rig.facts())
+
+
+def _seed(loop: Loop, rig: RigFile, number: int) -> int | None:
+    """A twin's noise differs from round to round."""
+    if rig.is_real or rig.twin is None:
+        return None
+    return (rig.twin.seed if loop.seed is None else loop.seed) + number
+
+
+def _belief(rig: RigFile, first: Recording) -> tuple[ModelFile | None, str]:
+    """What the recordings so far believe, where that is not what the rig file says: only recordings of one belief go together."""
+    known_to = rig.known_to.model_dump(exclude_none=True) if rig.known_to else {}
+    if rig.believed() == first.believed and known_to == first.known_to:
+        return None, ""
+    model = checked({**first.believed, "known_to": _stated(first.known_to)}, ModelFile, first.title)
+    if model.believed() != first.believed or model.known_to.model_dump(exclude_none=True) != first.known_to:
+        raise BadInput(f"{first.title}: its believed values cannot be taken over for new runs; run the proposed protocol by hand")
+    return model, json.dumps({**first.believed, "known_to": first.known_to})
+
+
+def _stated(known_to: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in known_to.items() if value is not None}

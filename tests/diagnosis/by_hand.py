@@ -1,0 +1,104 @@
+"""Rivals built by hand: a leg that lacks one thing, recorded, and the hypotheses that a test names, each at its best point."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rfca_rig.analysis.repeats import conditions_of
+from rfca_rig.description.rig_file import read_rig
+from rfca_rig.diagnosis.coordinates import Choice, Coordinates
+from rfca_rig.diagnosis.deciding import Decision
+from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.diagnose import Body, Verdicts
+from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.judging import judge_of
+from rfca_rig.diagnosis.nuisances import nuisances_of
+from rfca_rig.diagnosis.result import NamedEffect
+from rfca_rig.diagnosis.scatter import Scatter
+from rfca_rig.diagnosis.search import Found, Hypothesis
+from rfca_rig.diagnosis.strokes import FlapCondition, flap_condition, turn_of
+from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.parameters import PresentEffect, RigModel
+from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.recording.form import Column, Stream, Stroke
+
+RIG_FILE = read_rig(Path(__file__).parents[2] / "calibration" / "twin.toml")
+RIG = RIG_FILE.model()
+KNOWN_TO = {"height_mm": 0.2, "start_angle_deg": 0.3, "friction_coefficient": 0.05, "k0_relative": 0.03, "mass_relative": 0.01}
+NOISE = {"fy_N": 0.1, "fz_N": 0.15, "tx_Nm": 0.006}
+STD = {"height": 0.1, "friction": 0.008, "start_angle": 0.1}
+
+
+def recorded(rig: RigModel, conditions: Sequence[tuple[float, float]], with_shaft: bool = True) -> list[Stroke]:
+    """One stroke at each (height in mm, speed), the sensor's noise in it."""
+    random = np.random.default_rng(3)
+    strokes = []
+    for height_mm, speed_rad_s in conditions:
+        t_s = np.arange(-0.1, 3.4 / speed_rad_s, 1e-3)
+        found = stroke_at_speed(rig, 1e-3 * height_mm, speed_rad_s, t_s)
+        noisy = {name: Column(getattr(found, name) + std * random.standard_normal(len(t_s)), "") for name, std in NOISE.items()}
+        shaft = {"shaft_angle_rad": Column(found.shaft_angle_rad + 1e-5 * random.standard_normal(len(t_s)), "rad")} if with_shaft else {}
+        strokes.append(Stroke(1e-3 * height_mm, speed_rad_s, 1, {"table": Stream(t_s, noisy | shaft)}))
+    return strokes
+
+
+def flaps_of(strokes: Sequence[Stroke]) -> tuple[FlapCondition, ...]:
+    found = [flap_condition(condition, NOISE, turn_of(condition, False)) for condition in conditions_of(strokes)]
+    assert all(isinstance(flap, FlapCondition) for flap in found)
+    return tuple(found)  # type: ignore[arg-type]
+
+
+def present(effect: str, **values: float) -> PresentEffect:
+    return PresentEffect(effect, tuple(values.items()))
+
+
+def found_among(parts, rivals: Sequence[str], known_to=KNOWN_TO, rig: RigModel = RIG) -> Found:
+    """What a search over these effects alone would leave, "" for nothing missing, all equally likely before."""
+    evidence, coordinates = evidence_of(parts), Coordinates(nuisances_of(rig, known_to, 0.0))
+    judge = judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0)))
+    descent = Descent(evidence, judge)
+    base = descent.at(coordinates, np.zeros(coordinates.size))
+    assert base is not None
+    base = descent.polished(descent.descended(base))
+    named = [_hypothesis(descent, base, name) for name in rivals if name]
+    nothing = Hypothesis((), base, judge.judged(base.linear(evidence.rows.measured)), 0.0)
+    ranked = tuple(sorted(named, key=lambda h: -h.log_joint))
+    unknown = judge.judged_unknown(base.linear(evidence.rows.measured))
+    return Found(base, nothing, unknown, ranked, (), Scatter(STD, np.empty((len(evidence.rows.measured), 0))), judge, evidence)
+
+
+def _hypothesis(descent: Descent, base, name: str) -> Hypothesis:
+    choice = Choice(catalogue()[name])
+    wider = base.coordinates.with_choices((choice,))
+    ends = []
+    for z in (-0.8, 0.3):
+        start = descent.at(wider, np.append(base.x, np.full(len(choice.free), z)), base.slope)
+        if start is not None:
+            ends.append(descent.polished(descent.descended(start)))
+    judged = [(descent.judge.judged(end.linear(descent.evidence.rows.measured)), end) for end in ends]
+    judgement, best = max(judged, key=lambda pair: pair[0].log_evidence)
+    return Hypothesis((name,), best, judgement, 0.0)
+
+
+def named(found: Found, *others: str) -> Decision:
+    """The likeliest is accepted, and these cannot be told from it."""
+    best = found.named[0]
+    effect = NamedEffect(best.ids[0], "", 0.95, {}, tuple(others), "")
+    return Decision("named", best, (effect,), (), (), None, 0.0)
+
+
+def undecided(found: Found) -> Decision:
+    return Decision("unexplained", found.nothing, (), (), (), found.named[0] if found.named else None, 0.0)
+
+
+def nothing_missing(found: Found, probability: float = 0.99) -> Decision:
+    return Decision("nothing missing", found.nothing, (), (), (), None, probability)
+
+
+def body_of(flaps, found: Found, shafts=()) -> Body:
+    return Body("by hand", RIG, KNOWN_TO, NOISE, tuple(flaps), tuple(shafts), not shafts, found.nothing.fitted.coordinates, ())
+
+
+def verdicts_of(leg: Found, decision: Decision, drive: Found | None = None, drive_decision: Decision | None = None) -> Verdicts:
+    return Verdicts(leg, decision, drive, drive_decision)
