@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.deciding import Decision
 from rfca_rig.diagnosis.detectable import not_seen
 from rfca_rig.diagnosis.figures import before_and_after, held_out, overlays, valley_errors
+from rfca_rig.diagnosis.free_form import free_form
 from rfca_rig.diagnosis.locating import located, lone_channel
 from rfca_rig.diagnosis.next_experiment import next_experiment
 from rfca_rig.diagnosis.result import Diagnosis, Gate, NamedEffect, NotSeen, Overlay, Rival, Value, Verdict
 from rfca_rig.diagnosis.screening import projection_of
 from rfca_rig.diagnosis.search import Found, Hypothesis
+from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import PresentEffect
 
@@ -54,7 +56,7 @@ def summed_up(body: "Body", verdicts: "Verdicts", effects: Sequence[Effect]) -> 
         fit=before_and_after(leg, accepted),
         held_out=held_out(leg, accepted),
         valley=valley_errors(body.flaps, leg.believed.coordinates.supposed(leg.believed.x), after, bool(drive_effects)),
-        unexplained=_unexplained(verdict, verdicts),
+        unexplained=(*_unexplained(verdict, verdicts), *_free_form(verdicts)),
         remarks=(*body.remarks, *_remarks(body, leg)),
         next_experiment=next_experiment(body, verdicts, _enough(body)),
         believed_values=_values(accepted),
@@ -151,6 +153,17 @@ def _unexplained(verdict: Verdict, verdicts: "Verdicts") -> tuple[str, ...]:
     suspects = [d.suspected for d in _decisions(verdicts) if d.suspected is not None]
     failed = [f"{gate.name}: {gate.found}" for d in _decisions(verdicts) for gate in d.gates if not gate.passed]
     return (*(f"closest is {' with '.join(s.ids)}, not claimed" for s in suspects), *failed)
+
+
+def _free_form(verdicts: "Verdicts") -> tuple[str, ...]:
+    """Where a force that nobody listed would have to act, and its law if it has a plain one: empirical, cause not known."""
+    if verdicts.leg_decision.verdict != "unexplained":
+        return ()
+    try:
+        free = free_form(verdicts.leg)
+    except SimulationFailed as error:
+        return (f"no free force could be estimated: {error}",)
+    return () if free is None else (free.text,)
 
 
 def _remarks(body: "Body", leg: Found) -> tuple[str, ...]:

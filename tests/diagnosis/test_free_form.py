@@ -1,0 +1,129 @@
+"""Where a force enters that nobody listed, and the formula that it follows: on campaigns of the exam's own engine, and in closed form."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.phases import StrokePhases
+from rfca_rig.analysis.valley import Valley
+from rfca_rig.campaign.reading import read_campaign
+from rfca_rig.diagnosis.diagnose import _body
+from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.forced import AT_REST_S, Bumps, bump_in_turn, forced_stroke, tick, torque
+from rfca_rig.diagnosis.free_form import free_form
+from rfca_rig.diagnosis.hinge_series import SERIES, SURE_OF_SIGN_RAD_S, series
+from rfca_rig.diagnosis.places import places_of, standings
+from rfca_rig.diagnosis.search import searched
+from rfca_rig.diagnosis.strokes import FlapCondition, Turn
+from rfca_rig.exam.campaign_of import write_campaign
+from rfca_rig.exam.cases import NOTHING, drawn_cases
+from rfca_rig.exam.designs import Design
+from rfca_rig.model.motion import ramp_to_speed
+from rfca_rig.model.parameters import GRAVITY_M_S2, PresentEffect
+from tests.model.legs import PAPER
+
+SHORT = Design(tuple((height, speed) for height in (195.0, 215.0) for speed in (2.2, 3.0)), 2, ())
+BUMPS = Bumps(0.03, 8)
+
+
+def told(folder, strangers):
+    """The free form for a campaign that hides this, without a look at the catalogue."""
+    (case,) = drawn_cases(7, {NOTHING: 1})
+    write_campaign(replace(case, design=SHORT, strangers=strangers), folder / "campaign")
+    body, _ = _body([read_campaign(folder / "campaign")])
+    return free_form(searched(evidence_of(body.flaps), body.coordinates, [], lambda *_: None))
+
+
+def test_bumps_add_up_to_a_force_that_is_there_before_the_start():
+    t_s = np.linspace(-0.5, 0.21, 200)
+    assert BUMPS.at(t_s).sum(axis=1) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("number", [0, 1, 5])
+def test_the_law_follows_its_bump_by_its_own_clock(number):
+    row = (-0.3, float(BUMPS.centres_s[number]), BUMPS.spacing_s, float(number == 0), 2.0)
+    memory, rest = [0.0], torque(0.0, 0.0, 1e9, 0.0, 0.0, [0.0], row)[0]
+    assert rest == pytest.approx(2.0 * BUMPS.at(np.array([-0.3]))[0, number])
+    for _ in range(100):
+        t_s = -0.3 + memory[0]
+        assert torque(0.0, 0.0, 0.002, 0.0, 0.0, memory, row)[0] == pytest.approx(2.0 * BUMPS.at(np.array([t_s + 0.002]))[0, number])
+        tick(0.0, 0.0, 0.006, 0.0, 0.0, memory, row)
+    tick(0.0, 0.0, 2.0 * AT_REST_S, 0.0, 0.0, memory, row)
+    assert memory[0] == pytest.approx(0.6)
+
+
+def test_a_turn_with_a_bump_differs_by_the_bump():
+    plain = ramp_to_speed(-0.2, 2.5, 0.05, 0.6)
+    bent = bump_in_turn(plain, BUMPS, 3, 0.01)
+    t_s = np.linspace(0.0, 0.6, 400)
+    assert bent.angle_rad(t_s) - plain.angle_rad(t_s) == pytest.approx(0.01 * BUMPS.at(t_s)[:, 3], abs=1e-9)
+
+
+def resting_condition():
+    t_s = np.arange(-0.1, 0.04, 0.002)
+    first = np.arange(0, len(t_s), 10, dtype=np.intp)
+    signals = ("fy_N", "fz_N", "tx_Nm")
+    nothing = np.zeros((2, 3 * len(first)))
+    return FlapCondition(
+        "",
+        0.5,
+        Turn(0.01, None),
+        t_s,
+        first,
+        signals,
+        nothing,
+        StrokePhases(0.02, 0.03, 0.04),
+        dict.fromkeys(signals, 1.0),
+        Valley(0.0, 0.0),
+    )
+
+
+def test_the_mount_bears_what_pulls_at_the_tip_of_a_resting_leg():
+    (here,) = standings([resting_condition()], Supposed(PAPER))
+    places = {place.id: place for place in places_of(here.in_hinge.shape[2])}
+    at_rest = slice(0, 5)
+    down = places["tip_down"].response(here).sum(axis=1).reshape(3, -1)[:, at_rest]
+    along = places["tip_along"].response(here).sum(axis=1).reshape(3, -1)[:, at_rest]
+    assert down[0] == pytest.approx(0.0, abs=1e-3)
+    assert down[1] == pytest.approx(1.0, abs=1e-3)
+    assert along[0] == pytest.approx(-1.0, abs=1e-3)
+    assert along[1] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_pull_at_the_tip_bends_the_leg_as_a_weight_there_does():
+    (here,) = standings([resting_condition()], Supposed(PAPER))
+    place = next(place for place in places_of(here.in_hinge.shape[2]) if place.id == "tip_down")
+    grams = 3.0
+    heavier = replace(PAPER, effects=(PresentEffect("tip_mass", (("mass_g", grams),)),))
+    weighed = here.change_to(forced_stroke(here.flap, Supposed(heavier), ()), 1e-3 * grams * GRAVITY_M_S2).reshape(3, -1)[2, :5]
+    assert place.response(here).sum(axis=1).reshape(3, -1)[2, :5] == pytest.approx(weighed, rel=5e-3)
+
+
+def test_the_series_is_the_terms_it_is_named_after_and_knows_its_slopes():
+    values = np.linspace(0.1, 0.8, len(SERIES))
+    angle, rate = -0.3, 0.4
+    sign = np.tanh(rate / SURE_OF_SIGN_RAD_S)
+    named = [1.0, angle, abs(angle), angle**3, sign, rate, rate * abs(rate), abs(angle) * sign]
+    found = series(angle, rate, 0.0, 0.0, 0.0, (), values)
+    assert found[0] == pytest.approx(values @ named)
+    ahead, beside = series(angle + 1e-6, rate, 0.0, 0.0, 0.0, (), values)[0], series(angle, rate + 1e-6, 0.0, 0.0, 0.0, (), values)[0]
+    assert found[1:] == pytest.approx(((ahead - found[0]) * 1e6, (beside - found[0]) * 1e6), rel=1e-4)
+
+
+def test_a_damping_of_the_hinges_that_nobody_listed_is_found_there_with_its_law(tmp_path):
+    found = told(tmp_path, {"hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": 0.05}})
+    assert found.place == "hinges"
+    assert "cause is not known" in found.text
+    quadratic = {term.term: term for term in found.terms}["rate |rate|"]
+    assert quadratic.coefficient == pytest.approx(0.05, rel=0.4)
+    assert quadratic.unit == "N m per rad^2/s^2"
+
+
+def test_a_cable_that_drags_at_the_shaft_is_found_there(tmp_path):
+    found = told(tmp_path, {"cable_drag": {"torque_Nm": 0.3}})
+    assert found.place == "shaft"
+    assert found.log_evidence_over_next > 3.0
+    drag = {term.term: term for term in found.terms}["sign(shaft rate)"]
+    assert abs(drag.coefficient) == pytest.approx(0.3, abs=0.1)
