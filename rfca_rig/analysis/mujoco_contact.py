@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 
 class GroundLaw(NamedTuple):
-    """Hertz with damping while sinking, Coulomb friction with anchors, viscous drag; a floor `depth` below the shaft. SI units."""
+    """Hertz with damping, Coulomb friction with anchors, viscous drag; a floor `depth` below the shaft. SI units."""
 
     stiffness: float
     damping: float
@@ -65,7 +65,7 @@ def push(law: GroundLaw, ends: Ends, anchor: Floats, step_begins: bool, contact:
         v_x = ends.velocity[k + 1, 3] + turning * (z - ends.origin[2])
         v_z = ends.velocity[k + 1, 5] - turning * (x - ends.origin[0])
         indentation = max(law.radius - z - law.depth, 0.0)
-        N = law.stiffness * indentation**1.5 * (1.0 + law.damping * max(-v_z, 0.0))
+        N = law.stiffness * indentation**1.5 * max(1.0 - law.damping * v_z, 0.0)
         rolled = x - law.radius * angle
         if step_begins:
             reach = law.presliding if N > 0.0 else 0.0

@@ -22,6 +22,7 @@ ROUNDS = 6
 LEVELS = 5
 POLISHED = 4
 CONVERGED = 0.3  # of the log evidence
+ALIKE = 0.995  # cosine of two slopes in units of noise
 GOOD_ENOUGH = 0.02  # of the log posterior density
 
 
@@ -53,7 +54,7 @@ class Descent:
             return None
         left = np.empty((len(predicted), 0)) if known_slope is None else known_slope
         columns = [self._column(coordinates, x, predicted, i) for i in range(left.shape[1], coordinates.size)]
-        return Fitted(coordinates, x, predicted, np.column_stack([left, *columns]))
+        return Fitted(coordinates, x, predicted, self._aligned(coordinates, np.column_stack([left, *columns])))
 
     def descended(self, start: Fitted, levels: int = LEVELS, rounds: int = ROUNDS) -> Fitted:
         """From `start` down until nothing more is gained, at one model error after the other."""
@@ -118,7 +119,21 @@ class Descent:
         slope = here.slope + np.outer(surprise, step / max(float(step @ step), 1e-12))
         for i in range(here.coordinates.nuisances, here.coordinates.size):
             slope[:, i] = self._column(here.coordinates, x, predicted, i)
-        return replace(here, x=x, predicted=predicted, slope=slope)
+        return replace(here, x=x, predicted=predicted, slope=self._aligned(here.coordinates, slope))
+
+    def _aligned(self, coordinates: Coordinates, slope: Floats) -> Floats:
+        """Nuisances that do all but the same as an effect, as a rack's height, made to do just the same.
+
+        Their slopes are differences over other steps; the data must not seem to tell apart what only the prior does.
+        """
+        size = slope / self.evidence.rows.noise[:, None]
+        norm = np.maximum(np.linalg.norm(size, axis=0), 1e-300)
+        for effect in range(coordinates.nuisances, coordinates.size):
+            for nuisance in range(coordinates.nuisances):
+                alike = float(size[:, effect] @ size[:, nuisance]) / (norm[effect] * norm[nuisance])
+                if abs(alike) > ALIKE:
+                    slope[:, nuisance] = slope[:, effect] * alike * norm[nuisance] / norm[effect]
+        return slope
 
     def _column(self, coordinates: Coordinates, x: Floats, predicted: Floats, i: int) -> Floats:
         """One slope by a difference towards the middle of the prior; zero where the model has no answer on either side."""

@@ -35,12 +35,12 @@ class Quantity:
 
 
 def quantities_of(rig: RigModel) -> list[Quantity]:
-    """Every parameter of the model that has a value, section by section, in a laboratory's units; new ones appear by themselves."""
+    """Every parameter of the model that has a value and is not switched off, section by section; new ones appear by themselves."""
     sections = [
         _quantity(section, parameter.name, value)
         for section in SECTIONS
         for parameter in fields(getattr(rig, section))
-        if (value := getattr(getattr(rig, section), parameter.name)) is not None
+        if (value := getattr(getattr(rig, section), parameter.name)) is not None and value is not False
     ]
     effects = [_quantity("effect", f"{present.id} {name}", value) for present in rig.effects for name, value in present.values]
     return sections + effects

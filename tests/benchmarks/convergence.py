@@ -18,6 +18,7 @@ from scipy.integrate import solve_ivp
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.model.chain import LONGEST_STEP_S, Tolerance, chain_of, room_for
 from rfca_rig.model.integrator import DONE, FIRST_STEP_S, integrate
+from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Chain, Samples
 from rfca_rig.model.stroke import stroke_at_speed
 from rfca_rig.report.overlay import FAINT, MEASURED, STYLE
@@ -61,8 +62,8 @@ def free_motion(
 ) -> tuple[Samples, float]:
     """Samples of a chain let go, and the mean step."""
     samples, bounds = room_for(t_s, len(start)), np.array([tolerance.angle_rad, tolerance.speed_rad_s])
-    end_s = float(t_s[-1])
-    status, _, accepted, _ = integrate(chain, None, free_shaft(), released(start), 0.0, end_s, first_s, longest_s, bounds, samples)
+    end_s, work = float(t_s[-1]), room_to_work(len(start), len(start))
+    status, _, accepted, _ = integrate(chain, None, free_shaft(), released(start), 0.0, end_s, first_s, longest_s, bounds, work, samples)
     if status != DONE:
         raise SystemExit(f"the free chain stopped after {accepted} steps")
     return samples, end_s / accepted

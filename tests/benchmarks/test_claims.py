@@ -16,7 +16,7 @@ ROUGH = changed(MORE_FRICTION, {"friction_coefficient": 0.6})
 def test_the_calibrated_leg_presses_with_a_third_of_the_measured_force_and_whips_with_less_than_half():
     peak = peaks(passes(PAPER, count=1), 0)
     assert (peak["loading"].fy_N, peak["loading"].fz_N) == pytest.approx((-48.0, -88.0), abs=2.0)
-    assert (peak["whip"].fy_N, peak["whip"].fz_N) == pytest.approx((53.0, 121.0), abs=2.0)
+    assert (peak["whip"].fy_N, peak["whip"].fz_N) == pytest.approx((41.7, 117.3), abs=2.0)
 
 
 def test_stops_that_table_2_does_not_see_raise_the_force_of_the_impact_test():
@@ -42,7 +42,7 @@ def test_the_speed_of_the_stroke_hardly_matters_to_the_loading():
     assert slow == pytest.approx(115.0, abs=2.0)
 
 
-def test_half_the_step_leaves_a_quarter_of_the_error():
+def test_half_the_step_leaves_an_eighth_of_the_error_or_less():
     chain, end_s = chain_of(PAPER, NO_GROUND_M), np.array([0.2])
 
     def swung(step_s: float) -> np.ndarray:
@@ -50,5 +50,5 @@ def test_half_the_step_leaves_a_quarter_of_the_error():
         return free_motion(chain, SWING_FROM, end_s, tolerance, step_s, step_s)[0].q[-1]
 
     true = swung(4e-6)
-    errors = [np.abs(swung(step_s) - true).max() for step_s in (1.25e-4, 6.25e-5)]
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.15)
+    errors = [np.abs(swung(step_s) - true).max() for step_s in (5e-4, 2.5e-4)]
+    assert np.log2(errors[0] / errors[1]) > 2.7
