@@ -27,7 +27,7 @@ WORTH_A_FIT = 6.0  # chi2 that an effect must promise to take away, or it cannot
 GOOD_FIT = 0.011  # a model error below which no further effect is sought,
 STRAINED = 2.5  # unless a nuisance is that many standard deviations from where it is believed
 BUILT_ON = 2  # effects that pairs are built on
-PARTNERS = 3  # partners refined for each
+PARTNERS = 4  # partners refined for each
 PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO = 0.5, 0.1, 0.3, 0.1
 
 
@@ -165,7 +165,7 @@ def _judged(descent: Descent, fitted: Fitted) -> Judgement:
 
 
 def _pairs(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Sequence[Trial]) -> list[Fitted]:
-    """Partners for the best effects, screened by what they do to a leg that has none and would still be left to explain.
+    """Partners for the best effects, screened by what they would do to a leg that has the first one already.
 
     Where nothing is missing, or one effect leaves no more than a good model does, none is sought.
     """
@@ -176,8 +176,8 @@ def _pairs(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Se
     found: dict[frozenset[str], Fitted] = {}
     for _, single in judged[:BUILT_ON]:
         own = _ids(single)
-        others = [trial for trial in trials if trial.choice.effect.id not in own]
-        groups = _promising(descent, single, others, PARTNERS, 1)
+        others = {(t.choice.effect.id, t.choice.whole): t.choice for t in trials if t.choice.effect.id not in own}
+        groups = _promising(descent, single, tried(descent.evidence, single, list(others.values())), PARTNERS, 1)
         new = [group for group in groups if frozenset((*own, group[0].choice.effect.id)) not in found]
         for pair in _refined(descent, single, new):
             found[frozenset(_ids(pair))] = pair
