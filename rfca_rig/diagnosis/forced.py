@@ -13,14 +13,10 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.strokes import FlapCondition
-from rfca_rig.model.chain import Tolerance, advance, room_for
-from rfca_rig.model.forces import measure
-from rfca_rig.model.integrator import FIRST_STEP_S
 from rfca_rig.model.laws import HINGE, LawUse
 from rfca_rig.model.motion import ShaftMotion
-from rfca_rig.model.setup import Felt, Setup, set_up, with_law
-from rfca_rig.model.stage import room_to_work
-from rfca_rig.model.stroke import SimulatedStroke
+from rfca_rig.model.setup import Setup, set_up, with_law
+from rfca_rig.model.stroke import SimulatedStroke, stroke_of
 
 Floats = NDArray[np.float64]
 Change = Callable[[Setup], Setup]
@@ -146,25 +142,3 @@ def forced_stroke(
     for change in changes:
         setup = change(setup)
     return stroke_of(setup, flap.t_s)
-
-
-def stroke_of(setup: Setup, t_s: Floats) -> SimulatedStroke:
-    """The stroke of a setup at ascending times (m,)."""
-    chain = setup.chain()
-    laws = setup.compiled_laws(chain)
-    shaft, state = setup.begin(chain, laws)
-    links = chain.length.size
-    samples = room_for(t_s, state.q.size, links)
-    resting = int(np.searchsorted(t_s, setup.begins_s, side="right"))
-    work, force = room_to_work(state.q.size, state.anchor.size), np.empty(3)
-    measure(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
-    samples.q[:resting], samples.w[:resting] = state.q, 0.0
-    samples.force[:resting], samples.contact[:resting] = force, work.contact
-    moving = type(samples)(*(column[resting:] for column in samples))
-    cost = advance(chain, shaft, state, (setup.begins_s, float(t_s[-1])), FIRST_STEP_S, Tolerance(), moving, laws)
-    fy, fz, tx = samples.force.T
-    felt = setup.felt(Felt(t_s, fy, fz, tx + setup.rig.sensor.below_shaft_m * fy))
-    return SimulatedStroke(
-        t_s, samples.q[:, :links], felt.fy_N, felt.fz_N, felt.tx_Nm, tx, samples.contact[:, 0], samples.contact[:, 1],
-        cost.accepted, cost.rejected,
-    )  # fmt: skip

@@ -10,7 +10,7 @@ from rfca_rig.model.forces import measure
 from rfca_rig.model.integrator import FIRST_STEP_S
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.setup import Felt, set_up
+from rfca_rig.model.setup import Felt, Setup, set_up
 from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Chain, Laws, Samples, State
 
@@ -55,7 +55,11 @@ def stroke_following(
     `t_s` (m,) ascending sample times; those up to the beginning show it as it is then. Third order in the step, error-controlled;
     `tolerance` is per step. Raises SimulationFailed where the integrator cannot go on.
     """
-    setup = set_up(rig, height_m, motion)
+    return stroke_of(set_up(rig, height_m, motion), t_s, tolerance)
+
+
+def stroke_of(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None) -> SimulatedStroke:
+    """The same of a simulation that is put together already."""
     chain = setup.chain()
     laws = setup.compiled_laws(chain)
     shaft, state = setup.begin(chain, laws)
