@@ -90,6 +90,10 @@ class AtError:
         """C(s), (m, m)."""
         return (self.basis.back * (1.0 + self.s**2 * self.basis.strength)) @ self.basis.back.T
 
+    def variance(self) -> Floats:
+        """The diagonal of C(s), (m,)."""
+        return np.asarray(self.basis.back**2 @ (1.0 + self.s**2 * self.basis.strength))
+
 
 def discrepancy(rows: Rows) -> Floats:
     """K (m, m): the covariance of a discrepancy of relative size 1."""

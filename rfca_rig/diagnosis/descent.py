@@ -17,23 +17,31 @@ from rfca_rig.diagnosis.linear import Linear, posterior_of
 
 Floats = NDArray[np.float64]
 
-STEP = 0.1  # of a prior deviation: below, the integrator's own steps show in the slopes
-ROUNDS = 6
+STEP = 0.1  # of a prior deviation, where a slope is not known at all
+WELL_SEEN = 4.0  # deviations of the rows together, by which a difference should move them: touchdown, stick and slip make the model rough
+NARROWEST, WIDEST = 0.03, 0.7  # prior deviations
+SLOPES_ERR = 0.3  # of their size, after some steps
+ROUGH = 1.0  # deviations of the rows together, by which the model jumps from one place to the next
+ROUNDS = 8
 LEVELS = 5
 POLISHED = 4
-CONVERGED = 0.3  # of the log evidence
+SHORTER, SHORTEST = 0.4, 0.02  # of the way, after a step that did not help
+CONVERGED = 0.5  # of the log posterior density, about how rough the model is
 ALIKE = 0.995  # cosine of two slopes in units of noise
 GOOD_ENOUGH = 0.02  # of the log posterior density
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A hypothesis at its best point: x (p,), the model's rows there (m,), and its slope (m, p)."""
+    """A hypothesis at its best point: x (p,), the model's rows there (m,), its slope (m, p), and about how many deviations long each
+    column of that is, `size` (p,).
+    """
 
     coordinates: Coordinates
     x: Floats
     predicted: Floats
     slope: Floats
+    size: Floats
 
     def linear(self, measured: Floats) -> Linear:
         """The hypothesis as a linear model."""
@@ -53,45 +61,55 @@ class Descent:
         if predicted is None:
             return None
         left = np.empty((len(predicted), 0)) if known_slope is None else known_slope
-        columns = [self._column(coordinates, x, predicted, i) for i in range(left.shape[1], coordinates.size)]
-        return Fitted(coordinates, x, predicted, self._aligned(coordinates, np.column_stack([left, *columns])))
+        columns = [self._column(coordinates, x, predicted, i, STEP) for i in range(left.shape[1], coordinates.size)]
+        return self._fitted(coordinates, x, predicted, np.column_stack([left, *columns]))
+
+    def _fitted(self, coordinates: Coordinates, x: Floats, predicted: Floats, slope: Floats) -> Fitted:
+        size = np.linalg.norm(self.judge.usual(slope), axis=0)
+        return Fitted(coordinates, x, predicted, self._aligned(coordinates, slope), size)
 
     def descended(self, start: Fitted, levels: int = LEVELS, rounds: int = ROUNDS) -> Fitted:
         """From `start` down until nothing more is gained, at one model error after the other."""
         here, last = start, np.inf
         for _ in range(levels):
             whitening = self.judge.level(here.linear(self.evidence.rows.measured))
-            here = self._down(here, whitening, rounds)
             if whitening.s == last:
                 break
-            last = whitening.s
+            here, last = self._down(here, whitening, rounds), whitening.s
         return here
 
     def polished(self, found: Fitted, rounds: int = POLISHED) -> Fitted:
         """All slopes anew at the point found, and down once more, until that no longer helps."""
-        here, before = found, self._log_evidence(found)
+        here = found
         for _ in range(rounds):
-            renewed = self.at(here.coordinates, here.x)
-            if renewed is None:
-                return here
-            here = self.descended(renewed)
-            after = self._log_evidence(here)
-            if abs(after - before) < CONVERGED:
+            before, here = here, self.descended(self._with_new_slopes(here))
+            whitening = self.judge.level(here.linear(self.evidence.rows.measured))
+            if self._misfit(before.x, before.predicted, whitening) - self._misfit(here.x, here.predicted, whitening) < CONVERGED:
                 break
-            before = after
         return here
 
-    def _log_evidence(self, fitted: Fitted) -> float:
-        return self.judge.judged(fitted.linear(self.evidence.rows.measured)).log_evidence
+    def _with_new_slopes(self, here: Fitted) -> Fitted:
+        steps = _widths(here.size)
+        columns = [self._column(here.coordinates, here.x, here.predicted, i, step) for i, step in enumerate(steps)]
+        return self._fitted(here.coordinates, here.x, here.predicted, np.column_stack(columns))
 
     def _down(self, here: Fitted, whitening: AtError, rounds: int) -> Fitted:
+        """Steps towards the goal of the linear model, shorter after each that did not help; those teach the slopes, too."""
+        share = 1.0
         for _ in range(rounds):
-            there = self._stepped(here, whitening)
-            if there is None:
+            goal = _goal(here.linear(self.evidence.rows.measured), whitening)
+            before = self._misfit(here.x, here.predicted, whitening)
+            if before - self._misfit(goal, here.predicted + here.slope @ (goal - here.x), whitening) < GOOD_ENOUGH:
                 return here
-            gained = self._misfit(here.x, here.predicted, whitening) - self._misfit(there.x, there.predicted, whitening)
-            here = there
-            if gained < GOOD_ENOUGH:
+            x = here.x + share * (goal - here.x)
+            predicted = self.evidence.predicted(here.coordinates.supposed(x))
+            gained = -np.inf if predicted is None else before - self._misfit(x, predicted, whitening)
+            if predicted is not None:
+                here = self._learnt(here, x, predicted) if gained <= 0.0 else self._renewed(here, x, predicted)
+            if 0.0 < gained < GOOD_ENOUGH:
+                return here
+            share = min(1.0, 2.0 * share) if gained > 0.0 else SHORTER * share
+            if share < SHORTEST:
                 return here
         return here
 
@@ -100,25 +118,22 @@ class Descent:
         rest = whitening(self.evidence.rows.measured - predicted)
         return 0.5 * float(rest @ rest + x @ x)
 
-    def _stepped(self, here: Fitted, whitening: Whitening) -> Fitted | None:
-        goal = _goal(here.linear(self.evidence.rows.measured), whitening)
-        before = self._misfit(here.x, here.predicted, whitening)
-        if before - self._misfit(goal, here.predicted + here.slope @ (goal - here.x), whitening) < GOOD_ENOUGH:
-            return None
-        for share in (1.0, 0.5, 0.2, 0.05):
-            x = here.x + share * (goal - here.x)
-            predicted = self.evidence.predicted(here.coordinates.supposed(x))
-            if predicted is not None and self._misfit(x, predicted, whitening) < before:
-                return self._renewed(here, x, predicted)
-        return None
+    def _learnt(self, here: Fitted, x: Floats, predicted: Floats) -> Fitted:
+        """Slopes that agree better with what the model said at x, each changed in proportion to how wrong it may be.
 
-    def _renewed(self, here: Fitted, x: Floats, predicted: Floats) -> Fitted:
-        """Broyden's update of all slopes, then those of the effects' parameters by differences."""
+        As a Kalman filter has it, with slopes known to SLOPES_ERR of their size and a model as rough as ROUGH.
+        """
         step = x - here.x
         surprise = predicted - here.predicted - here.slope @ step
-        slope = here.slope + np.outer(surprise, step / max(float(step @ step), 1e-12))
+        wrong = step * (SLOPES_ERR * here.size) ** 2
+        return replace(here, slope=here.slope + np.outer(surprise, wrong / (float(step @ wrong) + ROUGH**2)))
+
+    def _renewed(self, here: Fitted, x: Floats, predicted: Floats) -> Fitted:
+        """At x, all slopes updated, those of the effects' parameters by differences."""
+        slope = self._learnt(here, x, predicted).slope
+        widths = _widths(here.size)
         for i in range(here.coordinates.nuisances, here.coordinates.size):
-            slope[:, i] = self._column(here.coordinates, x, predicted, i)
+            slope[:, i] = self._column(here.coordinates, x, predicted, i, widths[i])
         return replace(here, x=x, predicted=predicted, slope=self._aligned(here.coordinates, slope))
 
     def _aligned(self, coordinates: Coordinates, slope: Floats) -> Floats:
@@ -135,15 +150,21 @@ class Descent:
                     slope[:, nuisance] = slope[:, effect] * alike * norm[nuisance] / norm[effect]
         return slope
 
-    def _column(self, coordinates: Coordinates, x: Floats, predicted: Floats, i: int) -> Floats:
+    def _column(self, coordinates: Coordinates, x: Floats, predicted: Floats, i: int, width: float) -> Floats:
         """One slope by a difference towards the middle of the prior; zero where the model has no answer on either side."""
-        for step in (-STEP if x[i] > 0.0 else STEP, STEP if x[i] > 0.0 else -STEP):
+        inwards = -width if x[i] > 0.0 else width
+        for step in (inwards, -inwards):
             moved = x.copy()
             moved[i] += step
             there = self.evidence.predicted(coordinates.supposed(moved))
             if there is not None:
                 return np.asarray((there - predicted) / step)
         return np.zeros(len(predicted))
+
+
+def _widths(size: Floats) -> Floats:
+    """Differences that stand well above the roughness of the model, and are no wider than that takes."""
+    return np.asarray(np.clip(WELL_SEEN / np.maximum(size, 1e-300), NARROWEST, WIDEST))
 
 
 def _goal(linear: Linear, whitening: Whitening) -> Floats:

@@ -10,8 +10,7 @@ from rfca_rig.analysis.counterpart import GRID_S, LONGER
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.valley import Valley, find_valley
-from rfca_rig.diagnosis.covariance import factored
-from rfca_rig.diagnosis.linear import posterior_of
+from rfca_rig.diagnosis.leaving_out import foretold_apart
 from rfca_rig.diagnosis.result import BeforeAfter, Overlay
 from rfca_rig.diagnosis.search import Found, Hypothesis
 from rfca_rig.diagnosis.strokes import FORCES, FlapCondition
@@ -24,7 +23,7 @@ Floats = NDArray[np.float64]
 def before_and_after(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
     """Rms of strokes against the model as believed and as accepted, per signal, and what noise and scatter leave of it."""
     rows = found.evidence.rows
-    after = accepted.fitted.predicted + accepted.fitted.slope @ (accepted.judgement.posterior.mean - accepted.fitted.x)
+    after = accepted.rows
     floor = np.sqrt(rows.noise**2 + (found.scatter.columns**2).sum(axis=1))
     figures = {}
     for signal in FORCES:
@@ -42,9 +41,10 @@ def held_out(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
     dynamic = sorted({int(c) for c in rows.condition[rows.experiment == "dynamic"]})
     if len(dynamic) < 2:
         return {}
-    covariance = found.judge.usual.covariance()
-    before = _foretold_apart(found, found.nothing, covariance, dynamic)
-    after = _foretold_apart(found, accepted, covariance, dynamic)
+    before, after = (
+        foretold_apart(hypothesis.fitted.linear(rows.measured), found.judge.usual, rows.condition, dynamic)
+        for hypothesis in (found.nothing, accepted)
+    )
     floor = np.sqrt(rows.noise**2 + (found.scatter.columns**2).sum(axis=1))
     figures = {}
     for signal in FORCES:
@@ -52,17 +52,6 @@ def held_out(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
         if here.any():
             figures[f"held_out_rms_{signal}"] = BeforeAfter(_rms(before[here]), _rms(after[here]), _rms(floor[here]))
     return figures
-
-
-def _foretold_apart(found: Found, hypothesis: Hypothesis, covariance: Floats, conditions: Sequence[int]) -> Floats:
-    rows = found.evidence.rows
-    linear = hypothesis.fitted.linear(rows.measured)
-    apart = np.zeros(len(rows.measured))
-    for condition in conditions:
-        out = rows.condition == condition
-        mean = posterior_of(linear.kept(~out), factored(covariance[np.ix_(~out, ~out)])).mean
-        apart[out] = linear.target[out] - linear.slope[out] @ mean
-    return apart
 
 
 def valley_errors(flaps: Sequence[FlapCondition], believed: Supposed, after: Supposed, drive_found: bool) -> Mapping[str, BeforeAfter]:
@@ -108,7 +97,7 @@ def _error(pairs: Sequence[tuple[float, float]]) -> float:
 def overlays(found: Found, accepted: Hypothesis) -> tuple[Overlay, ...]:
     """Measured means with both models, condition by condition and signal by signal."""
     rows = found.evidence.rows
-    after = accepted.fitted.predicted + accepted.fitted.slope @ (accepted.judgement.posterior.mean - accepted.fitted.x)
+    after = accepted.rows
     return tuple(
         Overlay(label.condition, label.signal, rows.t_s[here], rows.measured[here], found.believed.predicted[here], after[here])
         for number, label in enumerate(rows.labels)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.covariance import factored
+from rfca_rig.diagnosis.leaving_out import foretold_apart
 from rfca_rig.diagnosis.linear import Linear, posterior_of
 from rfca_rig.diagnosis.result import Gate
 from rfca_rig.diagnosis.search import Found, Hypothesis
@@ -113,18 +113,10 @@ def _foretold(found: Found, best: Hypothesis) -> Gate:
 
 def left_out(found: Found, hypothesis: Hypothesis) -> Floats:
     """Rms of each condition's misfit in units of noise and usual model error, when it is foretold from all others, (conditions,)."""
-    rows = found.evidence.rows
-    linear = hypothesis.fitted.linear(rows.measured)
-    covariance = found.judge.usual.covariance()
-    std = np.sqrt(np.diag(covariance))
-    return np.array([_foretelling(linear, covariance, std, rows.condition == c) for c in range(int(rows.condition.max()) + 1)])
-
-
-def _foretelling(linear: Linear, covariance: Floats, std: Floats, out: NDArray[np.bool_]) -> float:
-    kept = ~out
-    mean = posterior_of(linear.kept(kept), factored(covariance[np.ix_(kept, kept)])).mean
-    apart = (linear.target[out] - linear.slope[out] @ mean) / std[out]
-    return float(np.sqrt(np.mean(apart**2)))
+    rows, usual = found.evidence.rows, found.judge.usual
+    numbers = range(int(rows.condition.max()) + 1)
+    apart = foretold_apart(hypothesis.fitted.linear(rows.measured), usual, rows.condition, numbers) / np.sqrt(usual.variance())
+    return np.array([np.sqrt(np.mean(apart[rows.condition == number] ** 2)) for number in numbers])
 
 
 def _floor(found: Found) -> float:

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.campaign.pendulum import PendulumCampaign
-from rfca_rig.diagnosis.covariance import factored
 from rfca_rig.diagnosis.deciding import Decision
 from rfca_rig.diagnosis.detectable import not_seen
-from rfca_rig.diagnosis.linear import Linear, posterior_of
+from rfca_rig.diagnosis.leaving_out import foretold_apart
 from rfca_rig.diagnosis.pendulum_parts import BIN_S, WINDOW_S
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, NotSeen, Overlay, Value, Verdict
 from rfca_rig.diagnosis.screening import projection_of
@@ -79,15 +78,9 @@ def _not_seen(found: Found, accepted: Hypothesis, effects: Sequence[Effect]) -> 
     return not_seen(others, found.trials, projection, fitted.coordinates.supposed(fitted.x).rig)
 
 
-def _after(accepted: Hypothesis) -> Floats:
-    """The accepted model's rows at the posterior mean."""
-    fitted = accepted.fitted
-    return fitted.predicted + fitted.slope @ (accepted.judgement.posterior.mean - fitted.x)
-
-
 def _fit(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
     """Rms per signal of the model as believed and as accepted, and what noise leaves of it."""
-    rows, after = found.evidence.rows, _after(accepted)
+    rows, after = found.evidence.rows, accepted.rows
     return {
         f"rms_{signal}": BeforeAfter(
             _rms((rows.measured - found.believed.predicted)[here]), _rms((rows.measured - after)[here]), _rms(rows.noise[here])
@@ -106,15 +99,9 @@ def _held_out(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
 
 
 def _foretold_apart(found: Found, hypothesis: Hypothesis) -> Floats:
-    rows, covariance = found.evidence.rows, hypothesis.judgement.whitening.covariance()
-    linear = hypothesis.fitted.linear(rows.measured)
-    apart = np.empty(len(rows.measured))
-    for number in range(len(found.evidence.parts)):
-        out = rows.condition == number
-        kept = Linear(linear.target[~out], linear.slope[~out])
-        mean = posterior_of(kept, factored(covariance[np.ix_(~out, ~out)])).mean
-        apart[out] = linear.target[out] - linear.slope[out] @ mean
-    return apart
+    rows = found.evidence.rows
+    linear, whitening = hypothesis.fitted.linear(rows.measured), hypothesis.judgement.whitening
+    return foretold_apart(linear, whitening, rows.condition, range(len(found.evidence.parts)))
 
 
 def _signals(found: Found) -> list[tuple[str, NDArray[np.bool_]]]:
@@ -131,7 +118,7 @@ def _values(accepted: Hypothesis) -> Mapping[str, Value]:
 
 
 def _overlays(found: Found, accepted: Hypothesis) -> tuple[Overlay, ...]:
-    rows, after = found.evidence.rows, _after(accepted)
+    rows, after = found.evidence.rows, accepted.rows
     return tuple(
         Overlay(label.condition, label.signal, rows.t_s[here], rows.measured[here], found.believed.predicted[here], after[here])
         for number, label in enumerate(rows.labels)

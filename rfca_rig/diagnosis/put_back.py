@@ -59,7 +59,7 @@ def _told(scene: Scene, found: Placed, terms: Sequence[FoundTerm], scale: Floats
     std = (np.sqrt(np.diag(posterior.covariance)) * scale)[-len(terms) :]
     each = zip(terms, share, std, strict=True)
     again = [replace(t, coefficient=t.coefficient * float(k), std=abs(t.coefficient) * float(s)) for t, k, s in each]
-    square = (linear.target - linear.slope @ posterior.mean) ** 2 / np.diag(scene.judge.usual.covariance())
+    square = (linear.target - linear.slope @ posterior.mean) ** 2 / scene.judge.usual.variance()
     misfit = {str(name): float(square[scene.rows.signal == name].mean()) for name in np.unique(scene.rows.signal)}
     return PutBack(tuple(again), misfit, _foretold(scene, linear, found))
 

@@ -22,6 +22,8 @@ Progress = Callable[[str, float], None]
 REFINED = 7  # effects whose best point is sought, of those that screening ranks highest
 POLISHED_BEST = 3  # hypotheses of each size that are brought to their very best point
 CLEARLY_BETTER = 10.0  # log evidence
+FAR_BELOW = 100.0  # log evidence: more than polishing brings
+HOPELESS = 500.0  # log evidence behind the best effect, below which no pair is built on one
 STARTS = 2  # places per effect to begin from, where the second promises half of the first
 WORTH_A_FIT = 6.0  # chi2 that an effect must promise to take away, or it cannot pay for its parameters
 GOOD_FIT = 0.011  # a model error below which no further effect is sought,
@@ -44,6 +46,11 @@ class Hypothesis:
     def log_joint(self) -> float:
         """Log of prior times evidence."""
         return self.judgement.log_evidence + self.log_prior
+
+    @property
+    def rows(self) -> Floats:
+        """What it says of every row, at its posterior mean."""
+        return self.fitted.predicted + self.fitted.slope @ (self.judgement.posterior.mean - self.fitted.x)
 
 
 @dataclass(frozen=True)
@@ -78,14 +85,21 @@ def searched(evidence: Evidence, coordinates: Coordinates, effects: Sequence[Eff
     progress("each effect", 0.3)
     singles = _refined(descent, base, _promising(descent, base, trials, REFINED, STARTS))
     singles = _best_polished(descent, singles)
-    scatter = _scatter_around_best(descent, base, singles) or scatter
-    descent = Descent(evidence, judge_of(evidence.rows, scatter.columns))
-    base, singles = descent.polished(base), _best_polished(descent, singles)
+    better = _scatter_around_best(descent, base, singles)
+    if better is not None:
+        scatter, descent = better, Descent(evidence, judge_of(evidence.rows, better.columns))
+        singles = _best_polished(descent, singles)
+        base = _polished_if_near(descent, base, singles)
     progress("pairs of effects", 0.6)
     pairs = _best_polished(descent, _pairs(descent, base, singles, trials))
     progress("weighing", 0.9)
     singles = _no_worse_than_nested(descent, singles, pairs)
     return replace(_weighed(descent, base, [*singles, *pairs], trials, scatter, len(effects)), believed=believed)
+
+
+def _polished_if_near(descent: Descent, base: Fitted, singles: Sequence[Fitted]) -> Fitted:
+    best = max((_evidence(descent, single) for single in singles), default=-np.inf)
+    return descent.polished(base) if _evidence(descent, base) > best - FAR_BELOW else base
 
 
 def _scatter_around_best(descent: Descent, base: Fitted, singles: Sequence[Fitted]) -> Scatter | None:
@@ -97,10 +111,12 @@ def _scatter_around_best(descent: Descent, base: Fitted, singles: Sequence[Fitte
 
 
 def _best_polished(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:
-    """The likeliest few at their very best point; the others stay as they are, far below."""
+    """The likeliest at its very best point, and those few that come near it; the others stay as they are, far below."""
     ranked = sorted(fits, key=lambda fitted: -_evidence(descent, fitted))
+    best = [descent.polished(fitted) for fitted in ranked[:1]]
+    near = [f for f in ranked[1:POLISHED_BEST] if _evidence(descent, f) > _evidence(descent, best[0]) - FAR_BELOW]
     with ThreadPoolExecutor(THREADS) as pool:
-        return [*pool.map(descent.polished, ranked[:POLISHED_BEST]), *ranked[POLISHED_BEST:]]
+        return [*best, *pool.map(descent.polished, near), *ranked[1 + len(near) :]]
 
 
 def _no_worse_than_nested(descent: Descent, singles: Sequence[Fitted], pairs: Sequence[Fitted]) -> list[Fitted]:
@@ -108,12 +124,15 @@ def _no_worse_than_nested(descent: Descent, singles: Sequence[Fitted], pairs: Se
     if not pairs:
         return list(singles)
     best = max(pairs, key=lambda pair: _evidence(descent, pair))
-    again = [descent.polished(part) for number in range(2) if (part := _without(descent, best, number)) is not None]
+    parts = [part for number in range(2) if (part := _without(descent, best, number)) is not None]
     kept = {fitted.coordinates.choices: fitted for fitted in singles}
-    for fitted in again:
-        before = kept.get(fitted.coordinates.choices)
-        if before is None or _evidence(descent, fitted) > _evidence(descent, before):
-            kept[fitted.coordinates.choices] = fitted
+    for part in parts:
+        again = descent.descended(part)
+        if _evidence(descent, again) > _evidence(descent, best) - FAR_BELOW:
+            again = descent.polished(again)
+        before = kept.get(again.coordinates.choices)
+        if before is None or _evidence(descent, again) > _evidence(descent, before):
+            kept[again.coordinates.choices] = again
     return list(kept.values())
 
 
@@ -121,7 +140,7 @@ def _without(descent: Descent, pair: Fitted, number: int) -> Fitted | None:
     coordinates = pair.coordinates
     kept = [choice for i, choice in enumerate(coordinates.choices) if i != number]
     drop = np.arange(coordinates.size)[coordinates.part(number)]
-    return descent.at(coordinates.with_choices(kept), np.delete(pair.x, drop))
+    return descent.at(coordinates.with_choices(kept), np.delete(pair.x, drop), np.delete(pair.slope, drop, axis=1))
 
 
 def _promising(descent: Descent, base: Fitted, trials: Iterable[Trial], count: int, starts: int) -> list[list[Trial]]:
@@ -174,7 +193,9 @@ def _pairs(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Se
     if not judged or any(fits_well(found, base.coordinates.nuisances) for found in (nothing, judged[0][0])):
         return []
     found: dict[frozenset[str], Fitted] = {}
-    for _, single in judged[:BUILT_ON]:
+    for judgement, single in judged[:BUILT_ON]:
+        if judgement.log_evidence < judged[0][0].log_evidence - HOPELESS:
+            break
         own = _ids(single)
         others = {(t.choice.effect.id, t.choice.whole): t.choice for t in trials if t.choice.effect.id not in own}
         groups = _promising(descent, single, tried(descent.evidence, single, list(others.values())), PARTNERS, 1)

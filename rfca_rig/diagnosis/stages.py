@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.rows import Label, Rows
-from rfca_rig.model.static_stages import StageMoves, staged_motion
+from rfca_rig.model.static_stages import AT_REST, StageMoves, staged_motion
 from rfca_rig.model.stroke import stroke_following
 from rfca_rig.recording.form import StaticStage
 
@@ -56,9 +56,8 @@ class StageTable:
         turned = [stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages]
         motion, read_s = staged_motion(leg.start_angle_rad, turned, self.moves)
         settled = tuple(effect for effect in supposed.rig.effects if effect.id not in IN_MOTION_ONLY)
-        held = stroke_following(
-            replace(supposed.rig, swing=None, effects=settled), self.height_m + supposed.height_offset_m, motion, read_s
-        )
+        rig = replace(supposed.rig, swing=None, effects=settled)
+        held = stroke_following(rig, self.height_m + supposed.height_offset_m, motion, read_s, AT_REST)
         hinges = np.degrees(np.diff(held.q_rad, axis=1)).T[: len(self.signals) - 3]
         return np.concatenate([held.fy_N, held.fz_N, held.tx_Nm, *hinges])
 

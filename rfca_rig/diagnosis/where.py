@@ -136,7 +136,7 @@ def placed(scene: Scene, place: Place, responses: Sequence[Floats]) -> Placed:
 
 def misfit_of(scene: Scene, x: Floats, pushed: Floats) -> dict[str, float]:
     """Mean square of what is left over what is expected, in each channel."""
-    square = (scene.target - scene.slope @ x - pushed) ** 2 / np.diag(scene.judge.usual.covariance())
+    square = (scene.target - scene.slope @ x - pushed) ** 2 / scene.judge.usual.variance()
     return {str(name): float(square[scene.rows.signal == name].mean()) for name in np.unique(scene.rows.signal)}
 
 

@@ -21,10 +21,14 @@ LONGEST_STEP_S = 5e-3
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Allowed error per step. The default gives force valleys to 1e-4 of those of a run a thousand times tighter, spikes to 0.2 %."""
+    """Allowed error per step. The default gives force valleys to 1e-4 of those of a run a thousand times tighter, spikes to 0.2 %.
+
+    `longest_s` bounds a step that the errors would allow, as at rest: what happens within one is seen by none.
+    """
 
     angle_rad: float = 1e-5
     speed_rad_s: float = 3e-2
+    longest_s: float = LONGEST_STEP_S
 
 
 @dataclass(frozen=True)
@@ -138,7 +142,7 @@ def advance(
     bounds = np.array([tolerance.angle_rad, tolerance.speed_rad_s])
     work = room_to_work(state.q.size, state.anchor.size)
     status, next_s, accepted, rejected = integrate(
-        chain, laws, shaft, state, span_s[0], span_s[1], step_s, LONGEST_STEP_S, bounds, work, samples
+        chain, laws, shaft, state, span_s[0], span_s[1], step_s, tolerance.longest_s, bounds, work, samples
     )
     if status != DONE:
         raise SimulationFailed(

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
+from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.laws import SLIP
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
@@ -25,6 +26,7 @@ from rfca_rig.model.stroke import SimulatedStroke, stroke_following
 
 Floats = NDArray[np.float64]
 
+AT_REST = Tolerance(longest_s=0.02)  # a hold takes a third of the steps; what is read changes by 1 % of a sensor's noise
 STILL_AFTER_S = 0.1  # the shaft rests on after a reading, longer than any clock is shifted
 
 
@@ -56,7 +58,7 @@ def static_stages(rig: RigModel, height_m: float, shaft_angles_rad: Sequence[flo
     """
     motion, read_s = staged_motion(rig.leg.start_angle_rad, shaft_angles_rad, moves)
     around_s = np.array([-0.5 * moves.hold_s, 0.0, STILL_AFTER_S])  # effects of the sensor see it at rest before and after
-    held = stroke_following(rig, height_m, motion, (read_s[:, None] + around_s).ravel())
+    held = stroke_following(rig, height_m, motion, (read_s[:, None] + around_s).ravel(), AT_REST)
     mu = friction_at_rest(rig, height_m, motion)
     return [_state(held, row, mu) for row in range(1, len(held.t_s), len(around_s))]
 

@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from rfca_rig.diagnosis.covariance import AtError, basis_of, discrepancy, factored
+from rfca_rig.diagnosis.leaving_out import foretold_apart
 from rfca_rig.diagnosis.linear import Linear, posterior_of, posteriors_of
 from rfca_rig.diagnosis.rows import Label, Rows, stacked
 
@@ -84,3 +85,17 @@ def test_the_discrepancy_is_alike_between_conditions_in_part_and_ringing_is_not(
     assert correlation[late, late + 12] == pytest.approx(0.5, abs=0.01)
     assert correlation[0, 12] < 0.5
     assert rows.condition[late + 12] == 1
+
+
+def test_a_condition_is_foretold_as_by_a_fit_to_the_others_alone():
+    rows, random = small_rows(conditions=4), np.random.default_rng(5)
+    m = len(rows.measured)
+    whitening = AtError(basis_of(rows, random.normal(size=(m, 2))), 0.02)
+    linear, covariance = Linear(random.normal(size=m), random.normal(size=(m, 3))), whitening.covariance()
+    assert whitening.variance() == pytest.approx(np.diag(covariance))
+    apart = foretold_apart(linear, whitening, rows.condition, [0, 2])
+    assert not apart[(rows.condition == 1) | (rows.condition == 3)].any()
+    for number in (0, 2):
+        out = rows.condition == number
+        mean = posterior_of(linear.kept(~out), factored(covariance[np.ix_(~out, ~out)])).mean
+        assert apart[out] == pytest.approx(linear.target[out] - linear.slope[out] @ mean, abs=1e-9)
