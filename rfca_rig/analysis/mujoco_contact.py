@@ -23,6 +23,7 @@ class GroundLaw(NamedTuple):
     presliding: float
     drag: float
     radius: float
+    lever: float
     depth: float
 
 
@@ -47,6 +48,7 @@ def ground_law(rig: RigModel, height_m: float) -> GroundLaw:
         g.presliding_m,
         g.drag_N_s_per_m,
         rig.leg.link_radius_m,
+        rig.friction_lever_m,
         height_m,
     )
 
@@ -66,15 +68,15 @@ def push(law: GroundLaw, ends: Ends, anchor: Floats, step_begins: bool, contact:
         v_z = ends.velocity[k + 1, 5] - turning * (x - ends.origin[0])
         indentation = max(law.radius - z - law.depth, 0.0)
         N = law.stiffness * indentation**1.5 * max(1.0 - law.damping * v_z, 0.0)
-        rolled = x - law.radius * angle
+        rolled = x - law.lever * angle
         if step_begins:
             reach = law.presliding if N > 0.0 else 0.0
             anchor[k] = min(max(anchor[k], rolled - reach), rolled + reach)
         F = 0.0
         if indentation > 0.0:
             held = (anchor[k] - rolled) / law.presliding
-            F = law.mu * N * min(max(held, -1.0), 1.0) - law.drag * (v_x - law.radius * turning)
+            F = law.mu * N * min(max(held, -1.0), 1.0) - law.drag * (v_x - law.lever * turning)
         contact[0, k], contact[1, k] = N, F
         wrench, centre = ends.wrench[k + 1], ends.mass_centre[k + 1]
         wrench[0], wrench[2] = F, N
-        wrench[4] = (z - law.radius - centre[2]) * F - (x - centre[0]) * N
+        wrench[4] = (z - law.lever - centre[2]) * F - (x - centre[0]) * N

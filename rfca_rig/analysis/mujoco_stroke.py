@@ -99,7 +99,7 @@ def _pushed_by_ground(rig: RigModel, height_m: float, leg: MujocoLeg, contact: F
     data = leg.data
     ends = Ends(data.site_xpos, data.xipos, data.subtree_com[1], data.cvel, data.qpos, data.xfrc_applied)
     law = ground_law(rig, height_m)
-    anchor = data.site_xpos[:, 0] - law.radius * np.cumsum(data.qpos)
+    anchor = data.site_xpos[:, 0] - law.lever * np.cumsum(data.qpos)
     step_begins = True
 
     def ask(*_: object) -> None:

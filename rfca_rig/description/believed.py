@@ -42,6 +42,7 @@ def _ground(ground: GroundSection) -> Ground:
         friction_coefficient=ground.friction_coefficient,
         presliding_m=ground.presliding_mm / 1e3,
         drag_N_s_per_m=ground.tangential_damping_N_s_per_m,
+        friction_lever_m=None if ground.friction_lever_mm is None else ground.friction_lever_mm / 1e3,
     )
 
 

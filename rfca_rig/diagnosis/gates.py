@@ -34,8 +34,11 @@ def gates_of(found: Found, best: Hypothesis, candidates: int) -> tuple[Gate, ...
 
 
 def _evidence(found: Found, best: Hypothesis, candidates: int) -> Gate:
+    """A name is worth more than nothing missing, and would be though the model erred by as much as models do."""
     gain = best.judgement.log_evidence - found.nothing.judgement.log_evidence
-    needed = 3.0 + float(np.log(candidates))
+    measured, usual = found.evidence.rows.measured, found.judge.usual
+    with_it, without = (posterior_of(h.fitted.linear(measured), usual).log_evidence for h in (best, found.nothing))
+    gain, needed = min(gain, with_it - without), 3.0 + float(np.log(candidates))
     return Gate("evidence", gain >= needed, f"log evidence {gain:.1f} above that of nothing missing, {needed:.1f} needed")
 
 

@@ -73,7 +73,7 @@ def _unexplained(verdict: Verdict, decision: Decision) -> tuple[str, ...]:
 
 def _not_seen(found: Found, accepted: Hypothesis, effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
     fitted = accepted.fitted
-    projection = projection_of(fitted, found.evidence.rows.measured, accepted.judgement.whitening)
+    projection = projection_of(fitted, found.evidence.rows.measured, found.judge.usual)
     others = [effect for effect in effects if effect.id not in accepted.ids]
     return not_seen(others, found.trials, projection, fitted.coordinates.supposed(fitted.x).rig)
 

@@ -142,7 +142,7 @@ def _joint_rivals(verdicts: "Verdicts") -> tuple[Rival, ...]:
 def _not_seen(verdicts: "Verdicts", accepted: Hypothesis, effects: Sequence[Effect], body: "Body") -> tuple[NotSeen, ...]:
     leg = verdicts.leg
     measured = leg.evidence.rows.measured
-    projection = projection_of(accepted.fitted, measured, accepted.judgement.whitening)
+    projection = projection_of(accepted.fitted, measured, leg.judge.usual)
     others = [effect for effect in effects if effect.id not in accepted.ids]
     return not_seen(others, leg.trials, projection, body.rig)
 

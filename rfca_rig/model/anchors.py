@@ -44,7 +44,7 @@ def tie_anchors(chain: Chain, state: State, h: float, q: Floats, work: Work) -> 
     y = q[chain.length.size] * chain.floor_sin if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
-        s = y - chain.radius * q[k]
+        s = y - chain.lever * q[k]
         depth, rate, slip = work.place[k, 0], work.place[k, 1], work.place[k, 3]
         reach, tied = (chain.presliding if depth > 0.0 else 0.0), state.anchor[k]
         back = went_back(chain, h, k, work)
@@ -67,4 +67,4 @@ def note_ends(chain: Chain, state: State, q: Floats, work: Work) -> None:
     for k in range(chain.length.size):
         y += work.down[k]
         work.ends[k, 0], work.ends[k, 1], work.ends[k, 3] = work.place[k, 0], work.place[k, 1], work.place[k, 3]
-        work.ends[k, 2] = y - chain.radius * q[k] - state.anchor[k]
+        work.ends[k, 2] = y - chain.lever * q[k] - state.anchor[k]

@@ -53,6 +53,7 @@ def chain_of(rig: RigModel, height_m: float) -> Chain:
         hinge_damping=np.full(length.size, leg.hinge_damping_Nm_s_per_rad),
         moment=np.einsum("k,ki,kj->ij", mass, reach, reach) + np.diag(mass * length**2 / 12.0),
         radius=leg.link_radius_m,
+        lever=rig.friction_lever_m,
         gravity=GRAVITY_M_S2,
         gravity_along=0.0,
         total_mass=float(mass.sum()),

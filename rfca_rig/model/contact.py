@@ -81,7 +81,7 @@ def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) ->
         sink += down * w[k]
         slide += along * w[k]
         place[k, 0], place[k, 1] = depth + chain.radius - chain.ground_depth * chain.floor_cos, sink
-        place[k, 2], place[k, 3] = y - chain.radius * q[k] - state.anchor[k], slide - chain.radius * w[k]
+        place[k, 2], place[k, 3] = y - chain.lever * q[k] - state.anchor[k], slide - chain.lever * w[k]
 
 
 @inlined
@@ -120,22 +120,22 @@ def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weig
 
 @inlined
 def add_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w: Floats, weights: Weights | None, work: Work) -> None:
-    """The contact at the end of link k, with its forces and their derivatives. Work of F: F (dY_k - r dq_k)."""
+    """The contact at the end of link k, with its forces and their derivatives. Work of F: F (dY_k - l dq_k)."""
     N, N_delta, N_rate = normal
     F, F_s, F_v, F_N = tangential
-    R, J, down, along, r = work.R, work.J, work.down, work.along, chain.radius
+    R, J, down, along, lever = work.R, work.J, work.down, work.along, chain.lever
     for j in range(k + 1):
-        R[j] += N * down[j] - F * (along[j] - (r if j == k else 0.0))
+        R[j] += N * down[j] - F * (along[j] - (lever if j == k else 0.0))
     if weights is None:
         return
     _, cw, cq = weights
     for j in range(k + 1):
-        along_j = along[j] - (r if j == k else 0.0)
+        along_j = along[j] - (lever if j == k else 0.0)
         dN = cq * (N_delta * down[j] + N_rate * along[j] * w[j]) + cw * N_rate * down[j]
         dF = cq * (F_s * along_j - F_v * down[j] * w[j]) + cw * F_v * along_j + F_N * dN
         J[j, j] += cq * (N * along[j] + F * down[j])
         for i in range(k + 1):
-            J[i, j] += dN * down[i] - dF * (along[i] - (r if i == k else 0.0))
+            J[i, j] += dN * down[i] - dF * (along[i] - (lever if i == k else 0.0))
 
 
 @inlined
@@ -152,7 +152,7 @@ def add_frame_contact(chain: Chain, k: int, normal: Normal, tangential: Tangenti
     dF = (cq * F_s + cw * F_v) * sin + F_N * dN
     J[b, b] += dN * cos - dF * sin
     for j in range(k + 1):
-        rolled = chain.radius if j == k else 0.0
+        rolled = chain.lever if j == k else 0.0
         along_j = work.along[j] - rolled
         J[j, b] += dN * work.down[j] - dF * along_j
         dN_j = cq * (N_delta * work.down[j] + N_rate * work.along[j] * w[j]) + cw * N_rate * work.down[j]
@@ -166,6 +166,6 @@ def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
     y = q[chain.length.size] * chain.floor_sin if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
-        s = y - chain.radius * q[k]
+        s = y - chain.lever * q[k]
         reach = chain.presliding if work.place[k, 0] > 0.0 else 0.0
         state.anchor[k] = min(max(state.anchor[k], s - reach), s + reach)

@@ -26,7 +26,9 @@ class Ground:
     """A level floor: normal force stiffness * depth^1.5 * (1 + damping * approach speed), Coulomb friction with stick.
 
     The tangential pair is the floor's own: a sticking point yields in proportion to the force, by `presliding` at the limit
-    mu N; `drag` is a small viscous share that acts on every touching point beside the Coulomb force.
+    mu N; `drag` is a small viscous share that acts on every touching point beside the Coulomb force. Friction turns a link on the
+    `friction_lever` about its end: None for the radius of the tip, as friction acts at the circle's lowest point. A tip that is deep
+    in a soft floor may have it at another place, even on the other side.
     """
 
     stiffness_N_per_m1p5: float
@@ -34,6 +36,7 @@ class Ground:
     friction_coefficient: float
     presliding_m: float
     drag_N_s_per_m: float
+    friction_lever_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -84,3 +87,9 @@ class RigModel:
     drive: Drive
     effects: tuple[PresentEffect, ...] = ()
     swing: Swing | None = None
+
+    @property
+    def friction_lever_m(self) -> float:
+        """The lever of friction about the end of a link."""
+        lever_m = self.ground.friction_lever_m
+        return self.leg.link_radius_m if lever_m is None else lever_m

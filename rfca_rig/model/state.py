@@ -5,7 +5,8 @@ Symbols, as in the paper's section III with absolute angles instead of relative 
     w_i, a_i its speed [rad/s] and acceleration [rad/s2]
     Y_k, D_k place of the distal end of link k: along the ground, and depth below the shaft [m]
     delta_k  = D_k + r - H, how deep the circle of radius r around that end is in the ground [m]
-    s_k      = Y_k - r q_k, displacement of the circle's lowest point along the ground, rolling taken off [m]
+    s_k      = Y_k - l q_k, displacement along the ground of the point where friction acts, rolling taken off: the circle's lowest
+             one where the `lever` l of friction is r [m]
                (Y, D, delta and s are taken along and across the floor where it slopes)
     R        = M(q) a + h(q, w) - Q, the residual of the equations of motion [N m]; R_0 is the shaft torque
     J        = ca dR/da + cw dR/dw + cq dR/dq, with the three weights the caller needs
@@ -35,6 +36,7 @@ class Chain(NamedTuple):
     hinge_damping: Floats
     moment: Floats
     radius: float
+    lever: float
     gravity: float
     gravity_along: float
     total_mass: float

@@ -48,6 +48,7 @@ def fitted_sections(believed: Mapping[str, Any], rig: RigModel, height_offset_m:
             "friction_coefficient": ground.friction_coefficient,
             "presliding_mm": 1e3 * ground.presliding_m,
             "tangential_damping_N_s_per_m": ground.drag_N_s_per_m,
+            **({} if ground.friction_lever_m is None else {"friction_lever_mm": 1e3 * ground.friction_lever_m}),
         },
         "sensor": {**believed["sensor"], "below_shaft_mm": 1e3 * rig.sensor.below_shaft_m},
         "drive": {**believed["drive"], "ramp_s": rig.drive.ramp_s},
