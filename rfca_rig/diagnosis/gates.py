@@ -14,7 +14,8 @@ Floats = NDArray[np.float64]
 
 FREE_BY = 0.25  # share by which an effect's size may differ between conditions or channels before the data speak
 MOST_VARIATION = 0.125  # beyond, the effect behaves only partly like its law
-MOST_IMPROVE = 0.8  # share of conditions that must be foretold better
+MOST_IMPROVE = 0.8  # share of conditions that must be foretold better,
+WORTH_NAMING = 0.2  # by this share of the misfit at least: a real model's own small errors look a little like everything
 AT_A_BOUND = 2.6  # prior deviations of an effect's parameter: a log-uniform one is within 1 % of its end
 STRAINED = 3.5  # prior deviations of a nuisance
 
@@ -105,7 +106,7 @@ def _foretold(found: Found, best: Hypothesis) -> Gate:
     if len(before) < 3:
         return Gate("foretells", False, f"only {len(before)} conditions: none can be left out to be foretold")
     gains = before - after
-    enough = float(gains.mean()) > float(gains.std(ddof=1)) / np.sqrt(len(gains))
+    enough = float(gains.mean()) > max(float(gains.std(ddof=1)) / np.sqrt(len(gains)), WORTH_NAMING * float(before.mean()))
     share = float(np.mean(gains > 0.0))
     none_worse = bool((-gains <= floor).all())
     text = (

@@ -19,7 +19,9 @@ UNKNOWN_ERRORS = (0.03, 0.045, 0.07, 0.12, 0.2, 0.35, 0.6)  # log-uniform: somet
 
 @dataclass(frozen=True)
 class Judgement:
-    """Log evidence, the model error s that goes with it (mean), and the posterior at the likeliest s."""
+    """Log evidence, the model error s that goes with it (mean), and the posterior at the likeliest s, the usual one at least: that this
+    model should err less than others is no knowledge to narrow an interval with.
+    """
 
     log_evidence: float
     error: float
@@ -65,6 +67,7 @@ def _integrated(whitenings: tuple[AtError, ...], log_weights: Floats, linear: Li
     found = posteriors_of(linear, whitenings, loose)
     logs = np.array([posterior.log_evidence for posterior in found]) + log_weights
     total = float(logsumexp(logs))
-    best = int(np.argmax(logs))
+    least = next(i for i, whitening in enumerate(whitenings) if whitening.s >= USUAL_ERROR)
+    at = max(int(np.argmax(logs)), least)
     error = float(np.exp(logs - total) @ np.array([whitening.s for whitening in whitenings]))
-    return Judgement(total, error, found[best], whitenings[best])
+    return Judgement(total, error, found[at], whitenings[at])
