@@ -44,13 +44,18 @@ def _evidence(found: Found, best: Hypothesis, candidates: int) -> Gate:
 
 
 def _each_needed(found: Found, best: Hypothesis, candidates: int) -> Gate:
-    """Every member of a pair must raise the evidence over the other alone."""
+    """Every member of a pair must raise the evidence over the other alone, and foretell conditions clearly better than that does."""
     if len(best.ids) < 2:
         return Gate("each needed", True, "one effect only")
     needed = 3.0 + float(np.log(candidates))
     simpler = [h for h in found.named if len(h.ids) < len(best.ids) and set(h.ids) < set(best.ids)]
-    gain = best.judgement.log_evidence - max((h.judgement.log_evidence for h in simpler), default=-np.inf)
-    return Gate("each needed", gain >= needed, f"log evidence {gain:.1f} above that of the better one alone, {needed:.1f} needed")
+    alone = max(simpler, key=lambda h: h.judgement.log_evidence, default=None)
+    if alone is None:
+        return Gate("each needed", True, "neither explains anything alone")
+    gain = best.judgement.log_evidence - alone.judgement.log_evidence
+    before, after = (float(left_out(found, h).mean()) for h in (alone, best))
+    text = f"log evidence {gain:.1f} above that of the better one alone, {needed:.1f} needed; foretold to {after:.2f} instead of {before:.2f}"
+    return Gate("each needed", gain >= needed and before - after >= WORTH_NAMING * before, text)
 
 
 def _signatures(found: Found, best: Hypothesis) -> list[Floats]:

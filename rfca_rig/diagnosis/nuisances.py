@@ -10,7 +10,6 @@ from rfca_rig.analysis.fitting.parameters import PARAMETERS, Parameter, Space, S
 from rfca_rig.model.parameters import RigModel, Swing
 
 SELDOM_MEASURED = ("presliding", "tangential_damping", "friction_lever")  # how a floor ties and drags a point beside mu N, and where
-THEIR_SPREAD = 0.3  # of their size; a lever is uncertain by as much as a tip sinks in
 SAGS = 0.3  # a leg let go straight half a second before still swings by a third of its sag
 SAGS_PER_S = 25.0  # the same as a speed, at the 13 Hz of the paper's leg
 
@@ -20,8 +19,7 @@ def nuisances_of(rig: RigModel, known_to: Mapping[str, float], before_s: float) 
     swinging = replace(rig, swing=Swing(before_s, 0.0, 0.0)) if before_s > 0.0 else rig
     names = [p.name for p in PARAMETERS.values() if p.known_to and known_to.get(p.known_to)]
     space = space_of([*names, *SELDOM_MEASURED], Supposed(swinging), known_to)
-    usual = [THEIR_SPREAD if p.relative else p.spread for p in space.parameters]
-    space = replace(space, std=np.where(space.has_prior, space.std, usual), has_prior=np.ones(len(space.std), dtype=bool))
+    space = replace(space, has_prior=np.ones(len(space.std), dtype=bool))
     return _joined(space, _SWING) if before_s > 0.0 else space
 
 

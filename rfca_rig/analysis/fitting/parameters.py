@@ -103,7 +103,7 @@ PARAMETERS: Mapping[str, Parameter] = {
         _of_ground("contact_stiffness", "stiffness_N_per_m1p5", "N/m1.5", 0.5, "contact_stiffness_relative"),
         _of_ground("contact_damping", "damping_s_per_m", "s/m", 0.5),
         _of_ground("presliding", "presliding_m", "mm", 0.5, scale=1e3),
-        Parameter("friction_lever", "mm", False, 2.0, lambda at: 1e3 * at.rig.friction_lever_m, _with_lever),
+        Parameter("friction_lever", "mm", False, 4.0, lambda at: 1e3 * at.rig.friction_lever_m, _with_lever),
         _of_ground("tangential_damping", "drag_N_s_per_m", "N s/m", 0.5),
         Parameter("below_shaft", "mm", False, 2.0, lambda at: 1e3 * at.rig.sensor.below_shaft_m, _with_below_shaft),
         Parameter("ramp", "ms", True, 0.2, lambda at: 1e3 * at.rig.drive.ramp_s, _with_ramp),
