@@ -20,8 +20,8 @@ from rfca_rig.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
 
-SMOOTH_OVER = (0.06, 0.4)  # of the way from touchdown to valley: what swings, some 50 ms, and what goes with the load; half each
-SHARED = 0.8  # correlation of the discrepancy between conditions: it is the same leg, and the same model
+SMOOTH_OVER = 0.06  # of the way from touchdown to valley: some 50 ms
+SHARED = 0.5  # correlation of the discrepancy between conditions
 FLOOR = 1e-3  # of the discrepancy's variance is not smooth
 
 
@@ -100,15 +100,10 @@ def discrepancy(rows: Rows) -> Floats:
     same_signal = (rows.signal[:, None] == rows.signal) & (rows.experiment[:, None] == rows.experiment)
     same_way = (rows.phase[:, None] == rows.phase) | (rows.experiment == "dynamic")[:, None]
     together = np.where(rows.condition[:, None] == rows.condition, 1.0, SHARED)
-    alike = np.mean([_alike(rows, over) for over in SMOOTH_OVER], axis=0)
-    smooth = alike * together * (same_signal & same_way)
-    return np.asarray(rows.scale[:, None] * smooth * rows.scale + np.diag(FLOOR * rows.scale**2 + rows.jolt**2))
-
-
-def _alike(rows: Rows, over: float) -> Floats:
-    length = np.where(rows.experiment == "dynamic", over, 1.0)
+    length = np.where(rows.experiment == "dynamic", SMOOTH_OVER, 1.0)
     apart = (rows.progress[:, None] - rows.progress) / np.maximum(length[:, None], length)
-    return np.asarray(np.exp(-0.5 * apart**2))
+    smooth = np.exp(-0.5 * apart**2) * together * (same_signal & same_way)
+    return np.asarray(rows.scale[:, None] * smooth * rows.scale + np.diag(FLOOR * rows.scale**2 + rows.jolt**2))
 
 
 def basis_of(rows: Rows, scatter: Floats) -> Basis:

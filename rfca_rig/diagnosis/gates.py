@@ -15,7 +15,9 @@ Floats = NDArray[np.float64]
 FREE_BY = 0.25  # share by which an effect's size may differ between conditions or channels before the data speak
 MOST_VARIATION = 0.125  # beyond, the effect behaves only partly like its law
 MOST_IMPROVE = 0.8  # share of conditions that must be foretold better,
-WORTH_NAMING = 0.2  # by this share of the misfit at least: a real model's own small errors look a little like everything
+WORTH_NAMING = 0.2  # by this share of the misfit at least: a real model's own small errors look a little like everything;
+WORTH_ADDING = 0.1  # by this share where an effect is named already
+FORETOLD_TO = 1.5  # and to within so many usual model errors
 AT_A_BOUND = 2.6  # prior deviations of an effect's parameter: a log-uniform one is within 1 % of its end
 STRAINED = 3.5  # prior deviations of a nuisance
 
@@ -54,8 +56,10 @@ def _each_needed(found: Found, best: Hypothesis, candidates: int) -> Gate:
         return Gate("each needed", True, "neither explains anything alone")
     gain = best.judgement.log_evidence - alone.judgement.log_evidence
     before, after = (float(left_out(found, h).mean()) for h in (alone, best))
-    text = f"log evidence {gain:.1f} above that of the better one alone, {needed:.1f} needed; foretold to {after:.2f} instead of {before:.2f}"
-    return Gate("each needed", gain >= needed and before - after >= WORTH_NAMING * before, text)
+    text = (
+        f"log evidence {gain:.1f} above that of the better one alone, {needed:.1f} needed; foretold to {after:.2f} instead of {before:.2f}"
+    )
+    return Gate("each needed", gain >= needed and before - after >= WORTH_ADDING * before, text)
 
 
 def _signatures(found: Found, best: Hypothesis) -> list[Floats]:
@@ -117,7 +121,8 @@ def _foretold(found: Found, best: Hypothesis) -> Gate:
     text = (
         f"{100 * share:.0f} % of {len(gains)} conditions are foretold better from the others; rms {before.mean():.2f} -> {after.mean():.2f}"
     )
-    return Gate("foretells", enough and share >= MOST_IMPROVE and none_worse, text + " of what a usual model error explains")
+    well = float(after.mean()) <= FORETOLD_TO
+    return Gate("foretells", enough and well and share >= MOST_IMPROVE and none_worse, text + " of what a usual model error explains")
 
 
 def left_out(found: Found, hypothesis: Hypothesis) -> Floats:
