@@ -24,7 +24,8 @@ Judged = Sequence[tuple[Truth, Said]]
 
 @dataclass(frozen=True)
 class Calibration:
-    """Of all listed claims, and of true effects that were not listed, as claims at 0. NaN where there is none.
+    """Of all listed claims; what is there and was not listed had no probability stated, and counts where effects are counted. NaN where
+    there is none.
 
     `bins` (10 x 3): number of claims, their mean probability, share of them right.
     """
@@ -69,8 +70,6 @@ def _claims(judged: Judged) -> tuple[Array, Array]:
     for truth, said in judged:
         true = set(truth.effects) | truth.accepted
         pairs += [(claim.probability, bool(claim.members & true)) for claim in said.claims]
-        listed = frozenset().union(*(claim.members for claim in said.claims))
-        pairs += [(0.0, True) for _ in set(truth.effects) - listed]
     p, hit = zip(*pairs, strict=True) if pairs else ((), ())
     return np.array(p, dtype=float), np.array(hit, dtype=bool)
 

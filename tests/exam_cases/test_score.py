@@ -145,9 +145,9 @@ def test_calibration_of_an_honest_and_of_a_boastful_diagnosis():
     assert honest.bins[7] == (4, 0.75, 0.75)
 
 
-def test_an_effect_that_was_not_listed_is_a_claim_at_zero():
+def test_an_effect_that_was_not_listed_is_no_claim():
     only = calibration([(truth_in(truth(effects=PLAY)), Said("nothing missing"))])
-    assert only.brier == 1.0 and only.ece == 1.0
+    assert np.isnan(only.ece) and only.confident == 0
 
 
 def test_values_are_judged_by_what_the_effect_changes():

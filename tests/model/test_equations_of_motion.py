@@ -90,9 +90,9 @@ def energy_J(chain, q, w):
 
 def test_the_jacobian_is_the_derivative_of_the_residual():
     random = np.random.default_rng(7)
-    chain = chain_of(PAPER, 0.2)._replace(drag=200.0)  # large, so that a wrong sign of it shows
+    chain = chain_of(PAPER, 0.2)._replace(drag=200.0, lever=-0.02)  # large, so that a wrong sign of them shows
     q, w, a = np.linspace(1.0, 1.6, 7), random.normal(0, 2, 7), random.normal(0, 50, 7)
-    anchor = np.cumsum(chain.length * np.cos(q)) - 0.003 * q + 1e-5 * random.normal(size=7)
+    anchor = np.cumsum(chain.length * np.cos(q)) + 0.02 * q + 1e-5 * random.normal(size=7)
     weights = (0.7, 0.02, 3e-3)
     exact = residual(chain, q, w, a, anchor, weights)[1]
     for j in range(7):

@@ -20,6 +20,10 @@ def stroke():
     return stroke_at_speed(PAPER, 0.215, 2.433, T)
 
 
+def with_lever(lever_m):
+    return replace(PAPER, ground=replace(PAPER.ground, friction_lever_m=lever_m))
+
+
 def test_at_rest_the_sensor_feels_the_weight_and_the_motor_holds_it(stroke):
     resting = T < 0
     assert stroke.fz_N[resting] == pytest.approx(0.32 * 9.81)
@@ -40,7 +44,9 @@ def test_force_on_the_mount_is_weight_and_ground_less_the_change_of_momentum(str
         assert np.abs((weight + ground - momentum_rate - felt)[up_to_the_valley]).max() < 0.05
 
 
-def test_power_of_the_motor_goes_into_springs_and_motion_and_is_lost_in_damping_and_ground(stroke):
+@pytest.mark.parametrize("lever_m", [0.003, -0.004])
+def test_power_of_the_motor_goes_into_springs_and_motion_and_is_lost_in_damping_and_ground(lever_m):
+    stroke = stroke_at_speed(with_lever(lever_m), 0.215, 2.433, T)
     lengths = np.array(PAPER.leg.link_lengths_m)
     w = np.gradient(stroke.q_rad, T, axis=0)
     phi, rate = np.diff(stroke.q_rad, axis=1), np.diff(w, axis=1)
@@ -49,11 +55,17 @@ def test_power_of_the_motor_goes_into_springs_and_motion_and_is_lost_in_damping_
     v_y, v_d = np.cumsum(-lengths * np.sin(stroke.q_rad) * w, axis=1), np.cumsum(lengths * np.cos(stroke.q_rad) * w, axis=1)
     c_y, c_d = v_y + 0.5 * lengths * np.sin(stroke.q_rad) * w, v_d - 0.5 * lengths * np.cos(stroke.q_rad) * w
     kinetic = (0.5 * masses * (c_y**2 + c_d**2) + masses * lengths**2 / 24 * w**2).sum(axis=1)
-    ground = -(stroke.normal_N * v_d).sum(axis=1) + (stroke.tangential_N * (v_y - 0.003 * w)).sum(axis=1)
+    ground = -(stroke.normal_N * v_d).sum(axis=1) + (stroke.tangential_N * (v_y - lever_m * w)).sum(axis=1)
     supplied = stroke.shaft_torque_Nm * w[:, 0] + 9.81 * c_d @ masses + ground - 0.088 * (rate**2).sum(axis=1)
     part = slice(450, 1100)
     gained = (spring + kinetic)[part][-1] - (spring + kinetic)[part][0]
     assert np.trapezoid(supplied[part], T[part]) == pytest.approx(gained, rel=2e-3)
+
+
+def test_friction_acts_at_the_tip_s_lowest_point_unless_another_lever_is_given(stroke):
+    assert np.array_equal(stroke_at_speed(with_lever(0.003), 0.215, 2.433, T).fz_N, stroke.fz_N)
+    other = stroke_at_speed(with_lever(-0.004), 0.215, 2.433, T)
+    assert 0.5 < np.abs(other.fz_N - stroke.fz_N)[450:1100].max() < 5.0
 
 
 def test_sliding_friction_is_mu_times_the_normal_force_and_the_floor_s_drag(stroke):
