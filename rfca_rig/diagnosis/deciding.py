@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import expit, logsumexp
 
 from rfca_rig.diagnosis.coordinates import Choice, std_of, value_of
 from rfca_rig.diagnosis.detectable import size_parameter, without_effect
@@ -68,11 +68,16 @@ def _attempt(found: Found, best: Hypothesis, candidates: int, rivals: tuple[Riva
     )
     if nothing > 0.1 or not gates[0].passed:
         verdict: Verdict = "nothing missing" if _probability(rivals, UNKNOWN) < 0.5 else "unexplained"
-        return Decision(verdict, found.nothing, (), gates, rivals, best, nothing)
+        return Decision(verdict, found.nothing, (), gates, rivals, best, _nothing_or_unknown(found))
     if not all(gate.passed for gate in gates):
         verdict = "nothing missing" if found.nothing.judgement.error < GOOD_FIT else "unexplained"
-        return Decision(verdict, found.nothing, (), gates, rivals, best, nothing)
+        return Decision(verdict, found.nothing, (), gates, rivals, best, _nothing_or_unknown(found))
     return Decision("named", best, _named(best, classes, probability), gates, rivals, None, nothing)
+
+
+def _nothing_or_unknown(found: Found) -> float:
+    """The probability of nothing missing where what has a name was refused one: only something unlisted is left beside it."""
+    return float(expit(found.nothing.log_joint - found.unknown.log_evidence - np.log(PRIOR_UNKNOWN)))
 
 
 def _rivals(found: Found) -> tuple[Rival, ...]:
@@ -152,6 +157,8 @@ def values_of(hypothesis: Hypothesis, number: int) -> dict[str, Value]:
 
 def _value(effect: Effect, parameter: Parameter, rig: RigModel, z: float, std_z: float) -> Value:
     value, std = value_of(parameter, z), std_of(parameter, z, std_z)
+    if effect.where == "drive":  # both gains of a loop are sizes
+        return Value(value, float(np.hypot(std, LAWS_SIZE * value)))
     is_size = parameter == size_parameter(effect)
     open_by = LAWS_SIZE * abs(value - without_effect(effect, rig)) if is_size else LAWS_SHAPE * abs(value)
     return Value(value, float(np.hypot(std, open_by)))

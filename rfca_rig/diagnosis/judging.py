@@ -46,8 +46,8 @@ class Judge:
         return _integrated(self.unknown, np.full(len(self.unknown), -np.log(len(self.unknown))), linear, None)
 
     def level(self, linear: Linear) -> AtError:
-        """The whitening under which this linear model is likeliest: what its misfit really is."""
-        every = (*self.named, *self.unknown[1:])
+        """The whitening under which this linear model is likeliest, the usual one at least: what its misfit really is."""
+        every = [whitening for whitening in (*self.named, *self.unknown[1:]) if whitening.s >= USUAL_ERROR]
         logs = [posterior.log_evidence for posterior in posteriors_of(linear, every)]
         return every[int(np.argmax(logs))]
 

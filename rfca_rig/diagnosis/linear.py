@@ -3,6 +3,7 @@
 With y measured, f the model at x0 and J its slope there, r = y - f + J x0 is normal with mean J x, and x standard normal before the data.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +41,7 @@ def posterior_of(linear: Linear, whitening: Whitening) -> Posterior:
     return _solved(whitening(linear.target), whitening(linear.slope), whitening.log_det)
 
 
-def posteriors_of(linear: Linear, whitenings: tuple[AtError, ...], loose: Floats | None = None) -> list[Posterior]:
+def posteriors_of(linear: Linear, whitenings: Sequence[AtError], loose: Floats | None = None) -> list[Posterior]:
     """The same at several model errors of one basis.
 
     `loose` (m, k) are further directions in which the data may vary by one standard deviation each.
