@@ -1,25 +1,23 @@
 """Opens the bench a rig file describes: the real devices, or their twins on wires of their own."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 
 import can
 import numpy as np
 
+from rfca_rig.bench.force_sensors import make_force_sensor, make_sensor_pair
 from rfca_rig.bench.leg_plant import LegPlant, Scatter
+from rfca_rig.bench.motors import make_motor, make_motor_twin, open_bus
 from rfca_rig.bench.racks import HandRack, TwinRack
 from rfca_rig.clock import TwinClock, WallClock
 from rfca_rig.description.rig_file import RigFile, TwinSection
-from rfca_rig.drivers.datagrams import UdpDatagrams
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.engine.bench import Bench
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.can_wire import can_wire
-from rfca_rig.twins.datagram_link import datagram_link
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
-from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
-from rfca_rig.twins.speed_loop import LoopGains
+from rfca_rig.twins.motor import MotorTwin
+from rfca_rig.twins.sensor import SensorTwin
 from rfca_rig.twins.world import TwinWorld
 
 FIRST_HEIGHT_M = 0.25  # where the twin's rack stands until a plan sets it
@@ -38,27 +36,52 @@ def open_bench(rig: RigFile, seed: int | None) -> Iterator[Bench]:
 
 
 def _real_bench(rig: RigFile, stack: ExitStack) -> Bench:
-    clock, motor, sensor = WallClock(), rig.motor, rig.force_sensor
+    clock, motor = WallClock(), rig.motor
     try:
-        bus = stack.enter_context(can.Bus(interface=motor.interface, channel=motor.channel, bitrate=motor.bitrate))
+        bus = stack.enter_context(open_bus(motor))
     except (can.CanError, OSError, ValueError) as error:
         raise DeviceError(f"CAN bus {motor.interface} {motor.channel} cannot be opened: {error}; check [motor] in the rig file") from error
-    datagrams = UdpDatagrams(sensor.host, sensor.port)
-    stack.callback(datagrams.close)
-    return Bench(OdriveMotor(bus, clock, _drive(rig)), NetFtSensor(datagrams, clock, _box(rig)), HandRack(), clock, is_real=True)
+    return Bench(make_motor(rig, bus, clock), make_force_sensor(rig, clock, stack), HandRack(), clock, is_real=True)
 
 
 def _twin_bench(rig: RigFile, twin: TwinSection, seed: int, stack: ExitStack) -> Bench:
-    clock, noise, chance = TwinClock(), *(np.random.default_rng([seed, stream]) for stream in (0, 1))
-    plant = _plant(rig, twin, chance)
+    clock = TwinClock()
     drivers_end, twins_end = stack.enter_context(can_wire())
-    drivers_link, twins_link = datagram_link()
-    stack.callback(drivers_link.close)
-    motor = OdriveTwin(twins_end, _twin_drive(rig, twin))
-    sensor = NetFtTwin(twins_link, _twin_box(rig, twin), noise)
-    clock.carry(TwinWorld(plant, motor, sensor).process)
-    driver = OdriveMotor(drivers_end, clock, _drive(rig))
-    return Bench(driver, NetFtSensor(drivers_link, clock, _box(rig)), TwinRack(plant), clock, is_real=False)
+    noise, chance = _randomness(seed)
+    pair = make_sensor_pair(rig, twin, noise)
+    twins = _put_together(rig, twin, chance, twins_end, pair.twin)
+    clock.carry(twins.world.process)
+    return Bench(make_motor(rig, drivers_end, clock), pair.driver(clock), TwinRack(twins.plant), clock, is_real=False)
+
+
+@dataclass(frozen=True)
+class Twins:
+    """The devices' side of a twin rig; `world` carries all of it."""
+
+    plant: LegPlant
+    motor: MotorTwin
+    sensor: SensorTwin
+    world: TwinWorld
+
+
+SensorMaker = Callable[[RigFile, TwinSection, np.random.Generator], SensorTwin]
+
+
+def make_twins(rig: RigFile, twin: TwinSection, seed: int, bus: can.BusABC, make_sensor: SensorMaker) -> Twins:
+    """The twins of a rig on their ends of the wires, the sensor's made elsewhere. `seed` decides all their randomness."""
+    noise, chance = _randomness(seed)
+    return _put_together(rig, twin, chance, bus, make_sensor(rig, twin, noise))
+
+
+def _randomness(seed: int) -> tuple[np.random.Generator, np.random.Generator]:
+    """The sensor's noise, and what differs from repeat to repeat."""
+    return np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
+
+
+def _put_together(rig: RigFile, twin: TwinSection, chance: np.random.Generator, bus: can.BusABC, sensor: SensorTwin) -> Twins:
+    plant = _plant(rig, twin, chance)
+    motor = make_motor_twin(rig, twin.drive, bus)
+    return Twins(plant, motor, sensor, TwinWorld(plant, motor, sensor))
 
 
 def _plant(rig: RigFile, twin: TwinSection, chance: np.random.Generator) -> LegPlant:
@@ -69,49 +92,4 @@ def _plant(rig: RigFile, twin: TwinSection, chance: np.random.Generator) -> LegP
         rotor_inertia_kg_m2=twin.drive.rotor_inertia_kg_m2,
         scatter=Scatter(twin.scatter.friction, twin.scatter.height_mm / 1e3),
         random=chance,
-    )
-
-
-def _drive(rig: RigFile) -> OdriveSettings:
-    motor = rig.motor
-    return OdriveSettings(
-        node_id=motor.node_id,
-        gear_ratio=motor.gear_ratio,
-        direction=motor.direction,
-        zero_turns=motor.zero_turns,
-        encoder_period_s=motor.encoder_period_ms / 1e3,
-        heartbeat_timeout_s=rig.limits.drive_silent_ms / 1e3,
-    )
-
-
-def _box(rig: RigFile) -> NetFtSettings:
-    sensor = rig.force_sensor
-    return NetFtSettings(sensor.counts_per_N, sensor.counts_per_Nm, sensor.rate_Hz, address=f"{sensor.host}:{sensor.port}")
-
-
-def _twin_drive(rig: RigFile, twin: TwinSection) -> OdriveTwinSettings:
-    motor, drive = rig.motor, twin.drive
-    gains = LoopGains(
-        speed_gain_Nm_s_per_rad=drive.speed_gain_Nm_s_per_rad,
-        integral_gain_Nm_per_rad=drive.integral_gain_Nm_per_rad,
-        angle_gain_per_s=drive.angle_gain_per_s,
-        torque_limit_Nm=drive.torque_limit_Nm,
-    )
-    return OdriveTwinSettings(
-        node_id=motor.node_id,
-        gear_ratio=motor.gear_ratio,
-        direction=motor.direction,
-        zero_turns=motor.zero_turns,
-        gains=gains,
-        encoder_period_s=motor.encoder_period_ms / 1e3,
-    )
-
-
-def _twin_box(rig: RigFile, twin: TwinSection) -> NetFtTwinSettings:
-    sensor = rig.force_sensor
-    return NetFtTwinSettings(
-        counts_per_N=sensor.counts_per_N,
-        counts_per_Nm=sensor.counts_per_Nm,
-        decimation=_box(rig).decimation,
-        noise_std=(twin.noise_N,) * 3 + (twin.noise_Nm,) * 3,
     )

@@ -1,5 +1,6 @@
 """The command line: one app, heavy imports inside the commands, one place that turns errors into a line and an exit code."""
 
+import logging
 import os
 import sys
 from typing import Annotated
@@ -8,7 +9,21 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 from rfca_rig import __version__
-from rfca_rig.cli import crosscheck, diagnosing, dynamic, fitting, importing, predicting, proving, recovering, reporting, static, strip
+from rfca_rig.cli import (
+    crosscheck,
+    diagnosing,
+    doctoring,
+    dynamic,
+    fitting,
+    importing,
+    predicting,
+    proving,
+    recovering,
+    reporting,
+    serving,
+    static,
+    strip,
+)
 from rfca_rig.errors import BadInput, RigError, Stopped
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
@@ -23,6 +38,7 @@ app = typer.Typer(
 )
 app.add_typer(dynamic.app, name="dynamic")
 app.add_typer(static.app, name="static")
+app.add_typer(serving.app, name="twin")
 app.command("import")(importing.import_folder)
 app.command("recover")(recovering.recover)
 app.command("predict")(predicting.predict)
@@ -32,6 +48,7 @@ app.command("diagnose")(diagnosing.diagnose)
 app.command("prove")(proving.prove)
 app.command("crosscheck")(crosscheck.crosscheck)
 app.command("strip")(strip.strip)
+app.command("doctor")(doctoring.doctor)
 
 
 def _print_version(wanted: bool) -> None:
@@ -51,6 +68,7 @@ def _options(
 
 def run() -> None:
     """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 130 stopped."""
+    logging.getLogger("can").setLevel(logging.ERROR)  # python-can warns of every frame that came in two pieces
     try:
         sys.exit(app(standalone_mode=False) or 0)
     except TyperException as error:

@@ -140,7 +140,8 @@ def _devices(bench: Bench) -> dict[str, str]:
     counted = f"{health.received} received, {health.lost} lost, {health.duplicate} twice, {health.out_of_order} out of order"
     motor = {f"motor_{name}": text for name, text in bench.motor.identity().items()}
     sensor = {f"sensor_{name}": text for name, text in bench.sensor.identity().items()}
-    return {**motor, **sensor, "sensor_records": f"{counted}, {health.malformed} malformed, {health.faulty_status} with a bad status"}
+    bad = f"{health.malformed} malformed, {health.faulty_status} with a bad status, {health.saturated} saturated, {health.stalled} stalled"
+    return {**motor, **sensor, "sensor_records": f"{counted}, {bad}"}
 
 
 def _keep(file: RunFile, recorder: Recorder, folder: Path, say: Say, why: str) -> None:

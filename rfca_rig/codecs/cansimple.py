@@ -1,9 +1,9 @@
-"""ODrive's CANSimple frames, both directions; pure.
+"""ODrive's CANSimple frames, both directions and both dialects; pure.
 
-Layouts: ODrive CANSimple protocol (docs/can-protocol.rst and odrive-cansimple.dbc), firmware 0.6. Little-endian throughout.
-Firmware 0.5 differs in what is used here: heartbeat bytes 5..7 are flag bits (40 motor, 48 encoder, 56 controller error, 63
-trajectory done) instead of procedure result and trajectory done; the error word has other bits (watchdog 0x800, estop 0x4000);
-0x1C is an ADC voltage instead of torques; 0x00 does not exist; clearing errors takes no byte.
+Layouts: ODrive CANSimple protocol (docs/can-protocol.rst and odrive-cansimple.dbc), firmware 0.6, and where it differs the same
+documents of firmware 0.5.6: heartbeat bytes 5..7 are flag bits (40 motor, 48 encoder, 56 controller error, 63 trajectory done)
+instead of procedure result and trajectory done; 0x03, 0x04 and 0x1D are error words of the parts; 0x1C is a voltage instead of
+torques; 0x15 is not temperatures; 0x00 is not answered; clearing errors takes no byte. Little-endian throughout.
 """
 
 import struct
@@ -16,12 +16,16 @@ from rfca_rig.codecs.odrive_messages import (
     BusPower,
     ClearErrors,
     Command,
+    Dialect,
     EncoderEstimates,
     ErrorReport,
     Estop,
     Heartbeat,
     Iq,
     Message,
+    OlderCommand,
+    Part,
+    PartError,
     SetAxisState,
     SetControllerMode,
     SetInputPos,
@@ -40,12 +44,19 @@ _ONE_FLOAT = struct.Struct("<f")
 _TWO_WORDS = struct.Struct("<II")
 _ONE_WORD = struct.Struct("<I")
 _HEARTBEAT = struct.Struct("<IBBBx")
+_OLDER_HEARTBEAT = struct.Struct("<IBBBB")
+_ONE_LONG_WORD = struct.Struct("<Q")
 _VERSION = struct.Struct("<8B")
 _INPUT_POS = struct.Struct("<fhh")
 _ONE_BYTE = struct.Struct("<B")
 _EMPTY = struct.Struct("")
 
 FEED_FORWARD_STEP = 1e-3
+PART_COMMANDS = {
+    Part.MOTOR: OlderCommand.MOTOR_ERROR,
+    Part.ENCODER: OlderCommand.ENCODER_ERROR,
+    Part.CONTROLLER: OlderCommand.CONTROLLER_ERROR,
+}
 
 
 def _version(protocol: int, *rest: int) -> Version:
@@ -56,16 +67,24 @@ def _heartbeat(error: int, state: int, result: int, flags: int) -> Heartbeat:
     return Heartbeat(error, state, result, bool(flags & 1))
 
 
+def _older_heartbeat(error: int, state: int, motor: int, encoder: int, controller: int) -> Heartbeat:
+    failed = tuple(part for part, flags in zip(Part, (motor, encoder, controller), strict=True) if flags & 1)
+    return Heartbeat(error, state, 0, bool(controller & 0x80), failed)
+
+
+def _part_error(part: Part) -> Callable[[int], PartError]:
+    return lambda word: PartError(part, word)
+
+
 def _input_pos(position: float, speed: int, torque: int) -> SetInputPos:
     return SetInputPos(position, speed * FEED_FORWARD_STEP, torque * FEED_FORWARD_STEP)
 
 
 # Command -> its fields, what they become, and the payload lengths in use (some senders pad to eight bytes, some do not).
-_LAYOUTS: dict[int, tuple[struct.Struct, Callable[..., Message], frozenset[int]]] = {
+_Layouts = dict[int, tuple[struct.Struct, Callable[..., Message], frozenset[int]]]
+_SHARED: _Layouts = {
     Command.VERSION: (_VERSION, _version, frozenset({8})),
-    Command.HEARTBEAT: (_HEARTBEAT, _heartbeat, frozenset({8})),
     Command.ESTOP: (_EMPTY, Estop, frozenset({0, 8})),
-    Command.ERRORS: (_TWO_WORDS, ErrorReport, frozenset({8})),
     Command.AXIS_STATE: (_ONE_WORD, SetAxisState, frozenset({4, 8})),
     Command.ENCODER_ESTIMATES: (_TWO_FLOATS, EncoderEstimates, frozenset({8})),
     Command.CONTROLLER_MODE: (_TWO_WORDS, SetControllerMode, frozenset({8})),
@@ -73,25 +92,39 @@ _LAYOUTS: dict[int, tuple[struct.Struct, Callable[..., Message], frozenset[int]]
     Command.INPUT_VEL: (_TWO_FLOATS, SetInputVel, frozenset({8})),
     Command.INPUT_TORQUE: (_ONE_FLOAT, SetInputTorque, frozenset({4, 8})),
     Command.IQ: (_TWO_FLOATS, Iq, frozenset({8})),
-    Command.TEMPERATURES: (_TWO_FLOATS, Temperatures, frozenset({8})),
     Command.BUS_VOLTAGE_CURRENT: (_TWO_FLOATS, BusPower, frozenset({8})),
     Command.CLEAR_ERRORS: (_EMPTY, ClearErrors, frozenset({0, 1, 8})),
+}
+_NEWER: _Layouts = {
+    Command.HEARTBEAT: (_HEARTBEAT, _heartbeat, frozenset({8})),
+    Command.ERRORS: (_TWO_WORDS, ErrorReport, frozenset({8})),
+    Command.TEMPERATURES: (_TWO_FLOATS, Temperatures, frozenset({8})),
     Command.TORQUES: (_TWO_FLOATS, Torques, frozenset({8})),
 }
+_OLDER: _Layouts = {
+    Command.HEARTBEAT: (_OLDER_HEARTBEAT, _older_heartbeat, frozenset({8})),
+    **{command: (_ONE_LONG_WORD, _part_error(part), frozenset({8})) for part, command in PART_COMMANDS.items()},
+}
+_LAYOUTS = {Dialect.V0_5: _SHARED | _OLDER, Dialect.V0_6: _SHARED | _NEWER}
 
 
-def decode(arbitration_id: int, data: bytes | bytearray) -> Message | None:
+def decode(arbitration_id: int, data: bytes | bytearray, dialect: Dialect = Dialect.V0_6) -> Message | None:
     """The message in one data frame; None for a command that is not used here. Raises MalformedFrame for a wrong length."""
-    layout = _LAYOUTS.get(arbitration_id & 0x1F)
+    layout = _LAYOUTS[dialect].get(arbitration_id & 0x1F)
     if layout is None:
         return None
     fields, message, lengths = layout
     if len(data) not in lengths:
-        name = Command(arbitration_id & 0x1F).name
         raise MalformedFrame(
-            f"CAN frame 0x{arbitration_id:03x} ({name}) has {len(data)} bytes, expected {min(lengths)}; does the drive speak CANSimple 0.6?"
+            f"CAN frame 0x{arbitration_id:03x} ({_name(arbitration_id & 0x1F, dialect)}) has {len(data)} bytes, expected {min(lengths)}; "
+            f"does the drive speak CANSimple {dialect}?"
         )
     return message(*fields.unpack_from(data))
+
+
+def _name(command: int, dialect: Dialect) -> str:
+    older = dialect == Dialect.V0_5 and command in set(OlderCommand)
+    return OlderCommand(command).name if older else Command(command).name
 
 
 def node_of(arbitration_id: int) -> int:
@@ -99,7 +132,7 @@ def node_of(arbitration_id: int) -> int:
     return arbitration_id >> 5
 
 
-def _frame(node: int, command: Command, fields: struct.Struct = _EMPTY, *values: float) -> Frame:
+def _frame(node: int, command: Command | OlderCommand, fields: struct.Struct = _EMPTY, *values: float) -> Frame:
     if not 0 <= node <= BROADCAST_NODE:
         raise NotEncodable(f"CAN node {node} does not exist; addresses go from 0 to {BROADCAST_NODE}")
     try:
@@ -114,7 +147,7 @@ def _steps(value: float, name: str) -> int:
     return round(value / FEED_FORWARD_STEP)
 
 
-def request(node: int, command: Command) -> Frame:
+def request(node: int, command: Command | OlderCommand) -> Frame:
     """Asks for one message; to be sent as a remote frame (firmware 0.5.6 also takes a data frame without bytes)."""
     return _frame(node, command)
 
@@ -123,7 +156,12 @@ def version(node: int, reply: Version) -> Frame:
     return _frame(node, Command.VERSION, _VERSION, reply.protocol, *reply.hardware, *reply.firmware, reply.unreleased)
 
 
-def heartbeat(node: int, beat: Heartbeat) -> Frame:
+def heartbeat(node: int, beat: Heartbeat, dialect: Dialect = Dialect.V0_6) -> Frame:
+    if dialect == Dialect.V0_5:
+        motor, encoder, controller = (part in beat.failed for part in Part)
+        return _frame(
+            node, Command.HEARTBEAT, _OLDER_HEARTBEAT, beat.error, beat.state, motor, encoder, controller | beat.trajectory_done << 7
+        )
     return _frame(node, Command.HEARTBEAT, _HEARTBEAT, beat.error, beat.state, beat.procedure_result, beat.trajectory_done)
 
 
@@ -133,6 +171,11 @@ def estop(node: int) -> Frame:
 
 def errors(node: int, report: ErrorReport) -> Frame:
     return _frame(node, Command.ERRORS, _TWO_WORDS, report.active_errors, report.disarm_reason)
+
+
+def part_error(node: int, report: PartError) -> Frame:
+    """Firmware 0.5."""
+    return _frame(node, PART_COMMANDS[report.part], _ONE_LONG_WORD, report.word)
 
 
 def set_axis_state(node: int, state: int) -> Frame:
@@ -173,9 +216,9 @@ def bus_voltage_current(node: int, voltage_V: float, current_A: float) -> Frame:
     return _frame(node, Command.BUS_VOLTAGE_CURRENT, _TWO_FLOATS, voltage_V, current_A)
 
 
-def clear_errors(node: int) -> Frame:
-    """One byte, zero: the drive does not blink."""
-    return _frame(node, Command.CLEAR_ERRORS, _ONE_BYTE, 0)
+def clear_errors(node: int, dialect: Dialect = Dialect.V0_6) -> Frame:
+    """Firmware 0.6 takes one byte, zero: the drive does not blink. Firmware 0.5 takes none."""
+    return _frame(node, Command.CLEAR_ERRORS) if dialect == Dialect.V0_5 else _frame(node, Command.CLEAR_ERRORS, _ONE_BYTE, 0)
 
 
 def torques(node: int, target_Nm: float, estimate_Nm: float) -> Frame:

@@ -1,9 +1,24 @@
 """What is said between an ODrive and its master: commands and messages by name. Units are the drive's: motor turns, N m, A."""
 
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 
 BROADCAST_NODE = 0x3F  # also the address of a drive that has none yet
+
+
+class Dialect(StrEnum):
+    """Which firmware speaks: 0.5 (as of 0.5.6, ODrive v3) or 0.6 (ODrive Pro, S1, Micro)."""
+
+    V0_5 = "0.5"
+    V0_6 = "0.6"
+
+
+class Part(StrEnum):
+    """What has an error word of its own in firmware 0.5."""
+
+    MOTOR = "motor"
+    ENCODER = "encoder"
+    CONTROLLER = "controller"
 
 
 class Command(IntEnum):
@@ -24,6 +39,14 @@ class Command(IntEnum):
     BUS_VOLTAGE_CURRENT = 0x17
     CLEAR_ERRORS = 0x18
     TORQUES = 0x1C
+
+
+class OlderCommand(IntEnum):
+    """What firmware 0.5 has in the place of others, or alone."""
+
+    MOTOR_ERROR = 0x03
+    ENCODER_ERROR = 0x04
+    CONTROLLER_ERROR = 0x1D
 
 
 class AxisState(IntEnum):
@@ -52,18 +75,30 @@ class Version:
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """Sent by the drive on its own. `state` is an `AxisState` or one of the calibration states."""
+    """Sent by the drive on its own. `state` is an `AxisState` or one of the calibration states.
+
+    `procedure_result` comes from firmware 0.6 only, `failed` (the parts that have an error of their own) from 0.5 only.
+    """
 
     error: int
     state: int
     procedure_result: int
     trajectory_done: bool
+    failed: tuple[Part, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorReport:
     active_errors: int
     disarm_reason: int
+
+
+@dataclass(frozen=True, slots=True)
+class PartError:
+    """The error word of one part; firmware 0.5."""
+
+    part: Part
+    word: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +176,7 @@ Message = (
     Version
     | Heartbeat
     | ErrorReport
+    | PartError
     | EncoderEstimates
     | Iq
     | Torques

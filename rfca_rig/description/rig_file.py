@@ -7,6 +7,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from rfca_rig.description.believed import believed_model
+from rfca_rig.description.force_sensor_sections import AtiDaqSection, ForceSensor
+from rfca_rig.description.motor_sections import Motor
 from rfca_rig.description.sections import (
     DriveSection,
     Effects,
@@ -42,31 +44,6 @@ class LimitsSection(Section):
     following_error_deg_s_per_rad: NotNegative
     sensor_silent_ms: Positive
     drive_silent_ms: Positive
-
-
-class MotorSection(Section):
-    """An ODrive on CAN. `zero_turns` is the encoder's reading, in motor turns, with the leg horizontal."""
-
-    device: Literal["odrive"]
-    node_id: Annotated[int, Field(ge=0, le=63)]
-    gear_ratio: Positive
-    direction: Literal[1, -1]
-    zero_turns: float
-    encoder_period_ms: Positive
-    interface: str = "socketcan"
-    channel: str = "can0"
-    bitrate: Annotated[int, Field(gt=0)] = 1_000_000
-
-
-class ForceSensorSection(Section):
-    """An ATI Net F/T; the counts per unit stand on its configuration page and in its calibration certificate."""
-
-    device: Literal["ati-net-ft"]
-    counts_per_N: Positive
-    counts_per_Nm: Positive
-    rate_Hz: Annotated[float, Field(gt=0, le=7912)]
-    host: str = "192.168.1.1"
-    port: Annotated[int, Field(gt=0, le=65535)] = 49152
 
 
 class TwinDriveSection(Section):
@@ -107,8 +84,8 @@ class RigFile(Section):
     effects: Effects = ()
     known_to: KnownToSection | None = None
     limits: LimitsSection
-    motor: MotorSection
-    force_sensor: ForceSensorSection
+    motor: Motor
+    force_sensor: ForceSensor
     twin: TwinSection | None = None
 
     @model_validator(mode="after")
@@ -137,7 +114,7 @@ class RigFile(Section):
             parked_angle_rad=float(np.radians(self.rig.parked_angle_deg)),
             ramp_s=self.drive.ramp_s,
             limits=self._limits(),
-            rates=Rates(self.force_sensor.rate_Hz, 1e3 / self.motor.encoder_period_ms),
+            rates=Rates(self.force_sensor.rate_Hz, self.motor.reports_Hz),
         )
 
     def _limits(self) -> Limits:
@@ -155,4 +132,13 @@ class RigFile(Section):
 
 def read_rig(path: Path) -> RigFile:
     """The rig described in `path`; BadInput, with file and line, where it cannot be used."""
-    return read_toml(path, RigFile)
+    return _with_files_beside(path.parent, read_toml(path, RigFile))
+
+
+def _with_files_beside(folder: Path, rig: RigFile) -> RigFile:
+    """The rig, with the paths in it counted from its own folder."""
+    sensor = rig.force_sensor
+    if not isinstance(sensor, AtiDaqSection):
+        return rig
+    beside = sensor.model_copy(update={"calibration_file": str(folder / sensor.calibration_file)})
+    return rig.model_copy(update={"force_sensor": beside})

@@ -81,8 +81,9 @@ class _Fault:
         self.likely: str | None = None
         said = _plain(error)
         if self.kind == "extra_forbidden":
-            self.likely = _likely_key(self.key, model)
-            said = f"unknown key; did you mean {self.likely}?" if self.likely else f"unknown key; known are {_known(self.key, model)}"
+            known = _keys_at(self.key[:-1], model, {str(part) for part in error["loc"]})
+            self.likely = _likely_key(self.key, known)
+            said = f"unknown key; did you mean {self.likely}?" if self.likely else f"unknown key; known are {', '.join(known) or 'none'}"
         self.text = f"{_shown(self.key)}: {said}" if self.key else said
 
 
@@ -147,22 +148,24 @@ def _lower(text: str) -> str:
     return text[:1].lower() + text[1:]
 
 
-def _likely_key(key: Key, model: type[BaseModel]) -> str | None:
-    close = difflib.get_close_matches(str(key[-1]), _keys_at(key[:-1], model), n=1, cutoff=0.7)
+def _likely_key(key: Key, known: list[str]) -> str | None:
+    close = difflib.get_close_matches(str(key[-1]), known, n=1, cutoff=0.7)
     return close[0] if close else None
 
 
-def _known(key: Key, model: type[BaseModel]) -> str:
-    return ", ".join(_keys_at(key[:-1], model)) or "none"
-
-
-def _keys_at(table: Key, model: type[BaseModel]) -> list[str]:
-    """The keys that `model` knows in that table, in the order in which they are declared."""
+def _keys_at(table: Key, model: type[BaseModel], tags: set[str]) -> list[str]:
+    """The keys that `model` knows in that table, in the order in which they are declared; of a union the member that `tags` name."""
     here = [model]
     for part in table:
         if isinstance(part, str):
-            here = [inner for outer in here if part in outer.model_fields for inner in _models_in(outer.model_fields[part].annotation)]
+            inner = [inner for outer in here if part in outer.model_fields for inner in _models_in(outer.model_fields[part].annotation)]
+            here = [member for member in inner if tags & _tags_of(member)] or inner
     return list(dict.fromkeys(name for found in here for name in found.model_fields))
+
+
+def _tags_of(model: type[BaseModel]) -> set[str]:
+    """The words by which a union may tell the model apart."""
+    return {str(word) for field in model.model_fields.values() for word in typing.get_args(field.annotation) if isinstance(word, str)}
 
 
 def _models_in(annotation: Any) -> Iterable[type[BaseModel]]:

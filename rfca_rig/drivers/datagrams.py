@@ -59,5 +59,19 @@ class UdpDatagrams:
         except OSError as error:
             raise DeviceError(f"nothing to be received from {self._peer}: {error}; is the sensor on, and RDT enabled?") from error
 
+    def fileno(self) -> int:
+        """For waiting until something arrives."""
+        return self._socket.fileno()
+
     def close(self) -> None:
         self._socket.close()
+
+
+def receive_buffer_advice(granted_bytes: int) -> str:
+    """One line on what to do where the kernel granted less of a receive buffer than was asked for; empty where it did not."""
+    if granted_bytes >= RECEIVE_BUFFER_BYTES:
+        return ""
+    return (
+        f"the system gives {granted_bytes >> 10} KiB of receive buffer where {RECEIVE_BUFFER_BYTES >> 10} were asked for, so records go "
+        f"missing while this computer is busy; allow more: sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER_BYTES}"
+    )

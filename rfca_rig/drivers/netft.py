@@ -7,12 +7,15 @@ from numpy.typing import NDArray
 
 from rfca_rig.clock import Clock
 from rfca_rig.codecs.malformed import MalformedFrame
-from rfca_rig.codecs.netbox_status import WARNINGS, status_text
+from rfca_rig.codecs.netbox_status import status_text
+from rfca_rig.codecs.netft_configuration import NetFtConfiguration
 from rfca_rig.codecs.rdt import RdtCommand, Records, decode_records, encode_request
 from rfca_rig.drivers.blocks import join
 from rfca_rig.drivers.datagrams import Datagrams
+from rfca_rig.drivers.netft_box import Box, refuse_difference
 from rfca_rig.drivers.record_sequence import RecordSequence
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
+from rfca_rig.drivers.sensor_health import StatusCount
 from rfca_rig.errors import BadInput, DeviceError
 
 QUIET_S = 0.02
@@ -22,6 +25,8 @@ QUIET_S = 0.02
 class NetFtSettings:
     """Scale and rate as configured in the box (cfgcpf, cfgcpt, comrdtrate); `address` and `serial_number` are for the recording.
 
+    `buffered` has the box put several records into a datagram, as many as its RDT buffer size says: the same records in fewer
+    pieces, each up to a buffer late.
     Raises BadInput for a rate that is not `internal_rate_Hz` divided by a whole number: the box rounds to such a rate.
     """
 
@@ -31,6 +36,7 @@ class NetFtSettings:
     internal_rate_Hz: float = 7000.0
     address: str = ""
     serial_number: str = ""
+    buffered: bool = True
 
     def __post_init__(self) -> None:
         for name in ("counts_per_N", "counts_per_Nm", "rate_Hz", "internal_rate_Hz"):
@@ -51,39 +57,64 @@ class NetFtSettings:
 
 
 class NetFtSensor:
-    """A `ForceSensor` over datagrams, in buffered mode and without end. Never sends a bias: taring is the protocol's business.
+    """A `ForceSensor` over datagrams, in a stream without end. Sends a bias only where told to: taring is the protocol's business.
 
-    The box does not answer requests, so a sensor that is not there shows only as silence: see `silent_s`.
+    The box does not answer requests, so a sensor that is not there shows only as silence: see `silent_s`. A `box` is asked for
+    its configuration before each start. `advice` is what is to be said of the way here, see `receive_buffer_advice`.
     """
 
-    def __init__(self, datagrams: Datagrams, clock: Clock, settings: NetFtSettings) -> None:
+    def __init__(self, datagrams: Datagrams, clock: Clock, settings: NetFtSettings, box: Box | None = None, advice: str = "") -> None:
         self._datagrams = datagrams
         self._clock = clock
         self._settings = settings
+        self._box = box
+        self._advice = advice
         self._running = False
+        self._serial_number = settings.serial_number
         self._begin_anew()
 
     def _begin_anew(self) -> None:
         self._sequence = RecordSequence()
+        self._status = StatusCount()
         self._last_ft: int | None = None
-        self._malformed = self._faulty = self._stalled = 0
-        self._worst_status = 0
+        self._malformed = self._stalled = 0
         self._last_malformed = ""
         self._heard_s = self._read_s = self._clock.now_s()
 
     def start(self) -> None:
-        """Starts the stream; whatever an earlier one still had on the way is let pass for 20 ms before."""
+        """Starts the stream; whatever an earlier one still had on the way is let pass for 20 ms before.
+
+        Raises BadInput where the box is set otherwise than the settings say, DeviceError where it does not answer.
+        """
+        self._check_box()
         self._send(RdtCommand.STOP)
         self._clock.wait_until(self._clock.now_s() + QUIET_S)
         self._datagrams.receive_all()
         self._begin_anew()
-        self._send(RdtCommand.START_BUFFERED)
+        self._send(RdtCommand.START_BUFFERED if self._settings.buffered else RdtCommand.START_SINGLE)
         self._running = True
+
+    def _check_box(self) -> None:
+        if self._box is None:
+            return
+        says = self._box.says()
+        refuse_difference(says, self._settings, f"the box at {self._settings.address or 'the other end'}")
+        if isinstance(says, NetFtConfiguration):
+            self._serial_number = says.serial_number or self._serial_number
 
     def stop(self) -> None:
         """Raises DeviceError when the request cannot be sent."""
         self._running = False
         self._send(RdtCommand.STOP)
+
+    def bias(self) -> None:
+        """Has the box take what it feels now for zero; to be called with nothing on the sensor.
+
+        Whether that ends a running stream differs from box to box, so a running one is started anew.
+        """
+        self._send(RdtCommand.SET_BIAS)
+        if self._running:
+            self.start()
 
     def _send(self, command: RdtCommand) -> None:
         self._datagrams.send(encode_request(command))
@@ -114,10 +145,7 @@ class NetFtSensor:
         if len(numbers) == 0:
             return
         self._heard_s = self._read_s
-        if records.status.any():
-            faulty = ~np.isin(records.status, list(WARNINGS))
-            self._faulty += int(faulty.sum())
-            self._worst_status |= int(np.bitwise_or.reduce(records.status[faulty], initial=0))
+        self._status.take(records.status)
         steps = np.diff(records.ft_sequence).view(np.int32)
         self._check_rate(steps[np.diff(numbers) == 1])
         since = 1 if self._last_ft is None else _signed(int(records.ft_sequence[0]) - self._last_ft)
@@ -143,7 +171,17 @@ class NetFtSensor:
     def health(self) -> StreamHealth:
         """Counters since `start`. `received` + `lost` is what the box sent until the newest record."""
         count = self._sequence
-        return StreamHealth(count.received, count.lost, count.duplicate, count.out_of_order, self._malformed, self._faulty, self._notes())
+        return StreamHealth(
+            received=count.received,
+            lost=count.lost,
+            duplicate=count.duplicate,
+            out_of_order=count.out_of_order,
+            malformed=self._malformed,
+            faulty_status=self._status.faulty,
+            stalled=self._stalled,
+            saturated=self._status.saturated,
+            notes=self._notes(),
+        )
 
     def _notes(self) -> list[str]:
         notes = []
@@ -151,17 +189,19 @@ class NetFtSensor:
             notes.append(f"no record for {self.silent_s():.2f} s: check power and cable, or who else started its stream")
         if self._stalled:
             notes.append(f"the sensor's own sample counter stood still or ran back in {self._stalled} records: these values are not new")
-        if self._faulty:
-            notes.append(f"faulty status in {self._faulty} records: {status_text(self._worst_status)}")
+        if self._status.faulty:
+            notes.append(f"faulty status in {self._status.faulty} records: {status_text(self._status.seen)}")
         if self._malformed:
             notes.append(f"{self._malformed} datagrams thrown away, the last one: {self._last_malformed}")
+        if self._advice and self._sequence.lost:
+            notes.append(self._advice)
         return notes
 
     def identity(self) -> dict[str, str]:
         return {
             "make": "ATI Net F/T, RDT",
             "address": self._settings.address,
-            "serial_number": self._settings.serial_number,
+            "serial_number": self._serial_number,
             "counts_per_N": repr(self._settings.counts_per_N),
             "counts_per_Nm": repr(self._settings.counts_per_Nm),
             "rate_Hz": f"{1.0 / self._settings.record_period_s:.6g}",

@@ -5,9 +5,9 @@ from math import isfinite
 import can
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs import cansimple
-from rfca_rig.codecs.odrive_meanings import WATCHDOG_EXPIRED, error_text, result_text, state_text
-from rfca_rig.codecs.odrive_messages import AxisState, Command, ControlMode, Heartbeat
+from rfca_rig.codecs import cansimple, odrive_meanings, odrive_older_meanings
+from rfca_rig.codecs.odrive_meanings import result_text, state_text
+from rfca_rig.codecs.odrive_messages import AxisState, Command, ControlMode, Dialect, Heartbeat, Part
 from rfca_rig.drivers.odrive_reports import OdriveReports
 from rfca_rig.drivers.odrive_scale import OdriveSettings
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
@@ -16,14 +16,18 @@ from rfca_rig.errors import DeviceError
 __all__ = ["OdriveMotor", "OdriveSettings"]
 
 POLL_S = 2e-3
+PART_ERROR_S = 0.05
 RATE_CHECK_FRAMES = 20
+WATCHDOG_EXPIRED = {Dialect.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, Dialect.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
+ERROR_TEXT = {Dialect.V0_5: odrive_older_meanings.error_text, Dialect.V0_6: odrive_meanings.error_text}
 
 
 class OdriveMotor:
     """A `ShaftMotor` over any `can.BusABC`. Waits only through the clock, and only in `enable` and `prove_watchdog`.
 
     Any frame to the drive feeds its watchdog; so nothing here sends on its own: outside those two methods every frame is the
-    direct consequence of a call, and a caller that stands still lets the drive stop the motor.
+    direct consequence of a call, and a caller that stands still lets the drive stop the motor. Firmware 0.5 keeps the errors of
+    motor, encoder and controller apart; `read` asks for one once a heartbeat says that it is there (the motor is off then).
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: OdriveSettings) -> None:
@@ -33,6 +37,7 @@ class OdriveMotor:
         self._reports = OdriveReports(bus, clock, settings)
         self._mode: ControlMode | None = None
         self._armed = False
+        self._asked_parts: set[Part] = set()
 
     def enable(self) -> None:
         """Energises, holding the shaft where it stands: the set-point is the measured angle before the loop closes.
@@ -41,10 +46,12 @@ class OdriveMotor:
         the configured rate; or with what error the drive refuses. The motor is idle after a refusal.
         """
         self.disable()
-        self._send(cansimple.clear_errors(self._settings.node_id))
+        self._forget_part_errors()
+        self._send(cansimple.clear_errors(self._settings.node_id, self._settings.dialect))
         self._send(cansimple.request(self._settings.node_id, Command.VERSION), remote=True)
         self._await_reports()
-        self._refuse_if(self._beat().error != 0, "still reports")
+        self._check_dialect()
+        self._refuse_if(_is_faulty(self._beat()), "still reports")
         hold = cansimple.set_input_pos(self._settings.node_id, self._reports.turns)
         self._send(hold)
         self._set_mode(ControlMode.POSITION)
@@ -73,24 +80,56 @@ class OdriveMotor:
                 f"{1e3 * self._settings.encoder_period_s:g} ms; set the drive's encoder_msg_rate_ms or encoder_period_s"
             )
 
+    def _check_dialect(self) -> None:
+        """Firmware 0.6 tells its version when asked, 0.5 says nothing; a heartbeat read in the wrong dialect would lie."""
+        if self._settings.dialect == Dialect.V0_5 and self._reports.firmware != "unknown":
+            raise DeviceError(f'drive not enabled: its firmware is {self._reports.firmware}; set dialect = "0.6"')
+
+    def _forget_part_errors(self) -> None:
+        self._reports.part_errors.clear()
+        self._asked_parts.clear()
+
+    def _ask_for_part_errors(self) -> None:
+        failed = set() if self._reports.beat is None else set(self._reports.beat.failed)
+        for part in sorted(failed - self._asked_parts):
+            self._send(cansimple.request(self._settings.node_id, cansimple.PART_COMMANDS[part]))
+            self._asked_parts.add(part)
+
     def _await_closed_loop(self, hold: cansimple.Frame) -> None:
         self._reports.recount()
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
         while self._reports.heartbeats == 0 or self._beat().state != AxisState.CLOSED_LOOP:
-            self._refuse_if(self._reports.heartbeats > 0 and self._beat().error != 0, "refuses closed loop with")
+            self._refuse_if(self._reports.heartbeats > 0 and _is_faulty(self._beat()), "refuses closed loop with")
             self._refuse_if(self._clock.now_s() > deadline_s, f"not in closed loop after {self._settings.enable_timeout_s:g} s:")
             self._wait_and_drain()
             self._send(hold)
-        self._refuse_if(self._beat().error != 0, "refuses closed loop with")
+        self._refuse_if(_is_faulty(self._beat()), "refuses closed loop with")
 
     def _refuse_if(self, refused: bool, how: str) -> None:
         if refused:
             beat = self._beat()
             self.disable()
+            self._learn_part_errors()
+            result = f", procedure result {result_text(beat.procedure_result)}" if self._settings.dialect == Dialect.V0_6 else ""
             raise DeviceError(
-                f"drive not enabled: node {self._settings.node_id} {how} {error_text(beat.error)}, state {state_text(beat.state)}, "
-                f"procedure result {result_text(beat.procedure_result)}"
+                f"drive not enabled: node {self._settings.node_id} {how} {self._errors(beat)}, state {state_text(beat.state)}{result}"
             )
+
+    def _learn_part_errors(self) -> None:
+        """Gives the drive a moment to tell which error a part has."""
+        self._ask_for_part_errors()
+        deadline_s = self._clock.now_s() + PART_ERROR_S
+        while self._asked_parts - self._reports.part_errors.keys() and self._clock.now_s() < deadline_s:
+            self._wait_and_drain()
+
+    def _errors(self, beat: Heartbeat) -> str:
+        """The drive's error word, and those of its parts as far as known."""
+        known = self._reports.part_errors
+        parts = [
+            odrive_older_meanings.part_error_text(part, known[part]) if part in known else f"{part} error, not told which"
+            for part in beat.failed
+        ]
+        return "; ".join([ERROR_TEXT[self._settings.dialect](beat.error), *parts])
 
     def _beat(self) -> Heartbeat:
         if self._reports.beat is None:
@@ -136,11 +175,12 @@ class OdriveMotor:
         return self._clock.now_s() - started_s
 
     def _watchdog_tripped(self) -> bool:
-        return bool(self._beat().error & WATCHDOG_EXPIRED) and self._beat().state == AxisState.IDLE
+        return bool(self._beat().error & WATCHDOG_EXPIRED[self._settings.dialect]) and self._beat().state == AxisState.IDLE
 
     def read(self) -> ShaftSamples:
         """Samples since the last call. Raises DeviceError on a failing bus or a frame that cannot be read."""
         self._reports.drain()
+        self._ask_for_part_errors()
         return self._reports.samples()
 
     def status(self) -> MotorStatus:
@@ -151,8 +191,8 @@ class OdriveMotor:
 
     def _fault(self, silent_s: float) -> str | None:
         beat, limit_s = self._reports.beat, self._settings.heartbeat_timeout_s
-        if beat is not None and beat.error:
-            return error_text(beat.error)
+        if beat is not None and _is_faulty(beat):
+            return self._errors(beat)
         if beat is not None and self._armed and beat.state != AxisState.CLOSED_LOOP:
             return f"left closed loop for {state_text(beat.state)} without an error; was it stopped from elsewhere, or restarted?"
         if silent_s > limit_s:
@@ -165,6 +205,7 @@ class OdriveMotor:
             "make": "ODrive, CANSimple",
             "bus": str(self._bus.channel_info),
             "node_id": str(self._settings.node_id),
+            "dialect": self._settings.dialect.value,
             "firmware": self._reports.firmware,
             "gear_ratio": repr(self._settings.gear_ratio),
             "direction": str(self._settings.direction),
@@ -184,6 +225,10 @@ class OdriveMotor:
     def _wait_and_drain(self) -> None:
         self._clock.wait_until(self._clock.now_s() + POLL_S)
         self._reports.drain()
+
+
+def _is_faulty(beat: Heartbeat) -> bool:
+    return beat.error != 0 or len(beat.failed) > 0
 
 
 def _finite(value: float, name: str) -> float:

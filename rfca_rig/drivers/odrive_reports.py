@@ -5,7 +5,7 @@ import numpy as np
 
 from rfca_rig.clock import Clock
 from rfca_rig.codecs import cansimple, odrive_messages
-from rfca_rig.codecs.odrive_messages import EncoderEstimates, Heartbeat, Iq, Torques, Version
+from rfca_rig.codecs.odrive_messages import Dialect, EncoderEstimates, Heartbeat, Iq, Part, PartError, Torques, Version
 from rfca_rig.drivers.blocks import join
 from rfca_rig.drivers.frame_count import FrameCount
 from rfca_rig.drivers.odrive_scale import OdriveSettings
@@ -16,7 +16,10 @@ CAN_ERROR_BUS_OFF = 0x40  # error class of a SocketCAN error frame (linux/can/er
 
 
 class OdriveReports:
-    """Listens for one node. `beat` is its last heartbeat, heard at host time `beat_s`; `turns` its last encoder position."""
+    """Listens for one node. `beat` is its last heartbeat, heard at host time `beat_s`; `turns` its last encoder position.
+
+    `part_errors` are the error words of its parts, as far as they were asked for (firmware 0.5).
+    """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: OdriveSettings) -> None:
         self._bus = bus
@@ -30,6 +33,7 @@ class OdriveReports:
         self.drained_s = self.beat_s = clock.now_s()
         self.turns = np.nan
         self.firmware = "unknown"
+        self.part_errors: dict[Part, int] = {}
         self.recount()
 
     def recount(self) -> None:
@@ -71,12 +75,20 @@ class OdriveReports:
         if self._own_frames == 0:
             return "no frames at all on the CAN bus; check the drive's power, the wiring, the termination and the bit rate"
         if self.heartbeats < self._beats_needed():
-            return f"no heartbeat from node {node}; set the drive's heartbeat_msg_rate_ms to 100"
+            return f"no heartbeat from node {node}; set the drive's {self._rate('heartbeat')} to 100"
         if self.encoder_frames == 0:
-            return f"no encoder estimates from node {node}; set its encoder_msg_rate_ms to {1e3 * self._settings.encoder_period_s:g}"
+            return f"no encoder estimates from node {node}; set its {self._rate('encoder')} to {1e3 * self._settings.encoder_period_s:g}"
         if self._torque_frames == 0:
-            return f"no {self.torque_source} from node {node}; set the cyclic rate of that message in the drive"
+            return f"no {self.torque_source} from node {node}; set the cyclic rate of that message in the drive{self._or_dialect()}"
         return None
+
+    def _rate(self, message: str) -> str:
+        """What the drive calls the period of a cyclic message."""
+        return f"{message}_rate_ms" if self._settings.dialect == Dialect.V0_5 else f"{message}_msg_rate_ms"
+
+    def _or_dialect(self) -> str:
+        older = self._settings.dialect == Dialect.V0_5
+        return " (iq_rate_ms)" if older else ', or dialect = "0.5" if its firmware is 0.5'
 
     def _beats_needed(self) -> int:
         """A first heartbeat with an error may have left the drive before the error was cleared."""
@@ -91,7 +103,7 @@ class OdriveReports:
             self._foreign_nodes.add(cansimple.node_of(message.arbitration_id))
         else:
             self._own_frames += 1
-            self._hear(cansimple.decode(message.arbitration_id, message.data))
+            self._hear(cansimple.decode(message.arbitration_id, message.data, self._settings.dialect))
 
     def _hear(self, message: odrive_messages.Message | None) -> None:
         constant = self._settings.torque_constant_Nm_per_A
@@ -107,6 +119,8 @@ class OdriveReports:
             case Heartbeat():
                 self.heartbeats += 1
                 self.beat, self.beat_s = message, self.drained_s
+            case PartError():
+                self.part_errors[message.part] = message.word
             case Version():
                 self.firmware = ".".join(map(str, message.firmware))
 

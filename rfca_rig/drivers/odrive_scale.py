@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from math import isfinite, tau
 
+from rfca_rig.codecs.odrive_messages import Dialect
 from rfca_rig.errors import BadInput
 
 
@@ -12,7 +13,8 @@ class OdriveSettings:
 
     `gear_ratio` is motor turns per shaft turn, `direction` +1 or -1, `zero_turns` the encoder's turns where the shaft is
     horizontal. `torque_constant_Nm_per_A` None takes the torque from message 0x1C, else from the measured current 0x14.
-    `encoder_period_s` is the drive's cyclic rate of message 0x09. Raises BadInput for values that cannot be.
+    `encoder_period_s` is the drive's cyclic rate of message 0x09. `dialect` is that of its firmware; 0.5 tells no torque, so it
+    needs the torque constant. Raises BadInput for values that cannot be.
     """
 
     node_id: int
@@ -23,6 +25,7 @@ class OdriveSettings:
     encoder_period_s: float = 1e-3
     heartbeat_timeout_s: float = 0.35
     enable_timeout_s: float = 1.0
+    dialect: Dialect = Dialect.V0_6
 
     def __post_init__(self) -> None:
         if not 0 <= self.node_id < 63:
@@ -35,6 +38,11 @@ class OdriveSettings:
             _positive(name, getattr(self, name))
         if self.torque_constant_Nm_per_A is not None:
             _positive("torque_constant_Nm_per_A", self.torque_constant_Nm_per_A)
+        elif self.dialect == Dialect.V0_5:
+            raise BadInput(
+                "drive: torque_constant_Nm_per_A is missing; firmware 0.5 tells the motor's current, not its torque "
+                "(8.27 / the motor's KV in rpm/V, as in motor.config.torque_constant)"
+            )
 
     def turns(self, angle_rad: float) -> float:
         """Encoder turns at a shaft angle."""

@@ -79,7 +79,10 @@ class SensorScale:
 
 @dataclass(frozen=True)
 class ForceSamples:
-    """Records since the sensor was last read. `counts` (m, 6) = fx fy fz tx ty tz; `device_s` from the record counter."""
+    """Records since the sensor was last read. `counts` (m, 6) = fx fy fz tx ty tz; `device_s` from the record counter.
+
+    `status` 0 is healthy; bit 31 says that something is wrong and bit 17 that the sensor is saturated, whatever its make.
+    """
 
     host_s: Floats
     device_s: Floats
@@ -90,7 +93,11 @@ class ForceSamples:
 
 @dataclass
 class StreamHealth:
-    """What went wrong on the way, in records."""
+    """What went wrong on the way, in records.
+
+    `malformed` counts datagrams, or pieces of a stream, that were no records. `stalled` records hold nothing new, because the
+    sensor stood still; `saturated` ones are those of the `faulty_status` in which it was beyond its range.
+    """
 
     received: int = 0
     lost: int = 0
@@ -98,6 +105,8 @@ class StreamHealth:
     out_of_order: int = 0
     malformed: int = 0
     faulty_status: int = 0
+    stalled: int = 0
+    saturated: int = 0
     notes: list[str] = field(default_factory=list)
 
 

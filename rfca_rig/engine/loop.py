@@ -54,16 +54,22 @@ class Loop:
     def to_angle(self, target_rad: float, target_speed_rad_s: float, period_s: float) -> None:
         """Commands an angle (of a target moving at that speed) for one tick, and checks everything at its end."""
         self._bench.motor.command_angle(target_rad, target_speed_rad_s)
-        self._tick(target_rad, target_speed_rad_s, period_s)
+        self._wait(period_s)
+        self._check(target_rad, target_speed_rad_s)
 
     def at_speed(self, speed_rad_s: float, period_s: float) -> None:
-        """Commands a speed for one tick; the target moves along."""
+        """Commands a speed for one tick; the target moves along, for as long as the tick really took."""
         self._bench.motor.command_speed(speed_rad_s)
-        self._tick(self.target_rad + speed_rad_s * period_s, speed_rad_s, period_s)
+        began_s = self._tick_s
+        self._wait(period_s)
+        self._check(self.target_rad + speed_rad_s * (self._tick_s - began_s), speed_rad_s)
 
-    def _tick(self, target_rad: float, target_speed_rad_s: float, period_s: float) -> None:
+    def _wait(self, period_s: float) -> None:
+        """To the end of the tick; one that is over already ends now."""
         self._tick_s = max(self._tick_s + period_s, self._bench.clock.now_s())
         self._bench.clock.wait_until(self._tick_s)
+
+    def _check(self, target_rad: float, target_speed_rad_s: float) -> None:
         self.target_rad = target_rad
         self._read()
         self._watch.drive(self._bench.motor.status())

@@ -1,6 +1,7 @@
 """How each stage of a plan is carried out."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Flap, Hold
 
 TICK_S = 0.002
 MOVE_TICK_S = 0.005
+SLACK = 1e-3  # of a tick: rounding must not make one out of two
 
 
 @dataclass(frozen=True)
@@ -61,13 +63,20 @@ def flap(loop: Loop, stage: Flap) -> Recorded:
         for _ in range(round(stage.before_s / TICK_S)):
             loop.to_angle(hold_rad, 0.0, TICK_S)
         start_s = loop.now_s
-        for k in range(math.ceil(stage.stroke_s / TICK_S)):
+        for k in _ticks(loop, math.ceil(stage.stroke_s / TICK_S)):
             # a command stands for a whole tick, so it takes the speed of the tick's middle
             loop.at_speed(stage.speed_rad_s * min((k + 0.5) * TICK_S / stage.ramp_s, 1.0), TICK_S)
-    for k in range(round(STOPPING_S / TICK_S)):
+    for k in _ticks(loop, round(STOPPING_S / TICK_S)):
         loop.at_speed(stage.speed_rad_s * (1.0 - (k + 0.5) * TICK_S / STOPPING_S), TICK_S)
     loop.target_rad = loop.angle_rad  # a drive that sagged is behind; the way back starts where the shaft is
     return Recorded(tap.shaft(), tap.force(), start_s, turns_rad, settled=True)
+
+
+def _ticks(loop: Loop, count: int) -> Iterator[int]:
+    """Numbers of the ticks of a stretch of time: a tick that came late leaves out those it stood for, so the stretch keeps its length."""
+    start_s = loop.now_s
+    while (k := math.floor((loop.now_s - start_s) / TICK_S + SLACK)) < count:
+        yield k
 
 
 def hold(loop: Loop, stage: Hold) -> Recorded:

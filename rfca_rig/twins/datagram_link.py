@@ -1,8 +1,21 @@
 """A datagram link inside this process: nothing is lost on it, and nothing waits."""
 
 from collections import deque
+from typing import Protocol
 
 from rfca_rig.errors import DeviceError
+
+
+class Link(Protocol):
+    """What a twin asks of its end, here or on a network."""
+
+    def send(self, datagram: bytes) -> None: ...
+
+    def receive_all(self) -> list[bytes]:
+        """Everything that has arrived, oldest first; never waits."""
+        ...
+
+    def close(self) -> None: ...
 
 
 class LinkEnd:

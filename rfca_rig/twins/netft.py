@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.netbox_status import SATURATED
-from rfca_rig.codecs.rdt import MOST_RECORDS, RdtCommand, Records, Request, decode_request, encode_records
-from rfca_rig.twins.datagram_link import LinkEnd
+from rfca_rig.codecs.rdt import MOST_RECORDS, RECORD_BYTES, RdtCommand, Records, Request, decode_request, encode_records
+from rfca_rig.twins.datagram_link import Link
 from rfca_rig.twins.ticks import Ticks
 
 Floats = NDArray[np.float64]
@@ -46,10 +46,11 @@ class _Stream:
 class NetFtTwin:
     """Takes requests, samples on its own grid n / rate since power-up, sends records. Brought forward step by step by a world:
 
-    `take_requests`, `due`, then, after the plant moved, `measured`.
+    `take_requests`, `due`, then, after the plant moved, `measured`. `keeps_measuring` has it sample once a step where nobody
+    listens to a stream, so that `latest` is of now.
     """
 
-    def __init__(self, link: LinkEnd, settings: NetFtTwinSettings, random: np.random.Generator) -> None:
+    def __init__(self, link: Link, settings: NetFtTwinSettings, random: np.random.Generator) -> None:
         self._link = link
         self._settings = settings
         self._random = random
@@ -60,6 +61,8 @@ class NetFtTwin:
         self._first_held = 0
         self._bias = np.zeros(6)
         self._bias_wanted = False
+        self.keeps_measuring = False
+        self._latest = np.zeros((1, 6))
         self._counts_per_unit = np.repeat([settings.counts_per_N, settings.counts_per_Nm], 3)
         self._noise_std, self._full_scale = np.array(settings.noise_std), np.array(settings.full_scale)
 
@@ -78,8 +81,17 @@ class NetFtTwin:
         elif request.command == RdtCommand.STOP:
             self._begin(None)
         elif request.command == RdtCommand.SET_BIAS:
-            self._bias_wanted = True
+            self.bias()
             self._begin(None if self._settings.bias_stops_stream else self._stream)
+
+    def bias(self) -> None:
+        """Takes what is felt at the next sample for zero."""
+        self._bias_wanted = True
+
+    def latest(self) -> tuple[NDArray[np.int32], int]:
+        """Counts (6,) and status of the newest sample."""
+        counts, status = self._digitised(self._latest)
+        return counts[0], int(status[0])
 
     def _begin(self, stream: _Stream | None) -> None:
         if stream is not self._stream:
@@ -89,12 +101,16 @@ class NetFtTwin:
     def due(self, to_s: float) -> Floats:
         """Sample times (m,) in the step that ends at `to_s`; none while nobody listens and no bias is wanted."""
         times_s = self._ticks.until(to_s)
-        return times_s if self._stream is not None or self._bias_wanted else times_s[:0]
+        if self._stream is not None or self._bias_wanted:
+            return times_s
+        return times_s[-1:] if self.keeps_measuring else times_s[:0]
 
     def measured(self, wrench: Floats) -> None:
         """Takes the true wrench (m, 6) at the times that were due, and sends the datagrams that are full."""
         if self._bias_wanted and len(wrench):
             self._bias, self._bias_wanted = wrench[-1].copy(), False
+        if len(wrench):
+            self._latest = wrench[-1:].copy()
         if self._stream is None or not len(wrench):
             return
         if self._held == 0:
@@ -106,20 +122,24 @@ class NetFtTwin:
 
     def _send_full(self, stream: _Stream) -> None:
         wrench = self._due[0] if len(self._due) == 1 else np.concatenate(self._due)
-        sent = 0
-        while sent < len(wrench) and (size := self._next_size(stream, len(wrench) - sent)):
-            self._send(stream, wrench[sent : sent + size], self._first_held + sent)
-            sent += size
-        self._due, self._held, self._first_held = [wrench[sent:]], len(wrench) - sent, self._first_held + sent
+        ready, size = self._ready(stream, len(wrench)), stream.records_per_datagram
+        at_once = MOST_RECORDS // size * size
+        for begin in range(0, ready, at_once):
+            block = self._encoded(stream, wrench[begin : min(begin + at_once, ready)], self._first_held + begin)
+            for at in range(0, len(block), size * RECORD_BYTES):
+                self._link.send(block[at : at + size * RECORD_BYTES])
+        self._due, self._held, self._first_held = [wrench[ready:]], len(wrench) - ready, self._first_held + ready
         if stream.left == 0:
             self._begin(None)
 
-    def _next_size(self, stream: _Stream, held: int) -> int:
-        """Records of the next datagram: a full one, or the last of a counted stream; 0 while there are not enough."""
-        size = stream.records_per_datagram if stream.left is None else min(stream.records_per_datagram, stream.left)
-        return size if size <= held else 0
+    def _ready(self, stream: _Stream, held: int) -> int:
+        """How many of the records held go out now: whole datagrams, and the rest of a counted stream with its last."""
+        if stream.left is not None and held >= stream.left:
+            return stream.left
+        return held - held % stream.records_per_datagram
 
-    def _send(self, stream: _Stream, wrench: Floats, first: int) -> None:
+    def _encoded(self, stream: _Stream, wrench: Floats, first: int) -> bytes:
+        """Records one after the other, as many as may stand in a datagram, so that those of one record cost less each."""
         order = np.arange(len(wrench))
         counts, status = self._digitised(wrench)
         records = Records(
@@ -128,10 +148,10 @@ class NetFtTwin:
             status=status,
             counts=counts,
         )
-        self._link.send(encode_records(records))
         stream.sequence += len(wrench)
         if stream.left is not None:
             stream.left -= len(wrench)
+        return encode_records(records)
 
     def _digitised(self, wrench: Floats) -> tuple[NDArray[np.int32], NDArray[np.uint32]]:
         """Counts (m, 6) and status (m,). The converter saturates on what the transducer feels, bias or not."""

@@ -1,6 +1,5 @@
-"""The drive's side of the CAN wire: an ODrive with firmware 0.6 on the motor that turns the shaft."""
+"""The drive's side of the CAN wire: an ODrive with firmware 0.6 or 0.5 on the motor that turns the shaft."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import isfinite, tau
 
@@ -8,10 +7,10 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs import cansimple, odrive_messages
+from rfca_rig.codecs import cansimple, odrive_meanings, odrive_messages, odrive_older_meanings
 from rfca_rig.codecs.malformed import MalformedFrame
-from rfca_rig.codecs.odrive_meanings import ESTOP_REQUESTED, MISSING_INPUT, WATCHDOG_EXPIRED
-from rfca_rig.codecs.odrive_messages import AxisState, Command, ControlMode, Heartbeat, Message, Version
+from rfca_rig.codecs.odrive_messages import AxisState, Command, ControlMode, Dialect, Heartbeat, Message, Part, PartError, Version
+from rfca_rig.twins.motor import moments_between
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
 from rfca_rig.twins.speed_loop import LoopGains, SetPoint, SpeedLoop
 from rfca_rig.twins.ticks import Ticks
@@ -20,13 +19,16 @@ Floats = NDArray[np.float64]
 
 DISARMED = 3  # procedure result
 FIRMWARE = Version(firmware=(0, 6, 10), hardware=(4, 4, 58))
+WATCHDOG_EXPIRED = {Dialect.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, Dialect.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
+ESTOP_REQUESTED = {Dialect.V0_5: odrive_older_meanings.ESTOP_REQUESTED, Dialect.V0_6: odrive_meanings.ESTOP_REQUESTED}
 
 
 @dataclass(frozen=True)
 class OdriveTwinSettings:
     """How the drive is configured. `watchdog_s` None leaves it off, as an ODrive comes from the factory.
 
-    `arming_error` is an error word that every attempt to close the loop ends in; 0 for a healthy drive.
+    `arming_error` is an error word that every attempt to close the loop ends in; 0 for a healthy drive. Firmware 0.5 reports the
+    motor's current, of which each ampere gives `torque_constant_Nm_per_A`, where 0.6 reports torque.
     """
 
     node_id: int = 0
@@ -38,6 +40,8 @@ class OdriveTwinSettings:
     encoder_period_s: float = 1e-3
     heartbeat_period_s: float = 0.1
     arming_error: int = 0
+    dialect: Dialect = Dialect.V0_6
+    torque_constant_Nm_per_A: float = 0.5
 
 
 class OdriveTwin:
@@ -56,6 +60,7 @@ class OdriveTwin:
         self._wanted = SetPoint()
         self._state = AxisState.IDLE
         self._error = 0
+        self._part_errors: dict[Part, int] = {}
         self._result = 0
         self._fed_s = 0.0
         self._encoder_ticks = Ticks(settings.encoder_period_s)
@@ -73,22 +78,31 @@ class OdriveTwin:
         return cansimple.node_of(arbitration_id) in {self._settings.node_id, odrive_messages.BROADCAST_NODE}
 
     def _take(self, message: can.Message) -> None:
-        if message.is_remote_frame:
+        if message.is_remote_frame or (message.dlc == 0 and self._settings.dialect == Dialect.V0_5):
             self._answer(message.arbitration_id & 0x1F)
+        if message.is_remote_frame:
             return
         try:
-            self._obey(cansimple.decode(message.arbitration_id, message.data))
+            self._obey(cansimple.decode(message.arbitration_id, message.data, self._settings.dialect))
         except MalformedFrame:
             return  # the firmware says nothing either
 
     def _answer(self, command: int) -> None:
         node = self._settings.node_id
-        if command == Command.VERSION:
+        if self._settings.dialect == Dialect.V0_5:
+            self._answer_as_older(command)
+        elif command == Command.VERSION:
             self._send(cansimple.version(node, FIRMWARE))
         elif command == Command.HEARTBEAT:
             self._send(cansimple.heartbeat(node, self._beat()))
         elif command == Command.ERRORS:
             self._send(cansimple.errors(node, odrive_messages.ErrorReport(self._error, self._error)))
+
+    def _answer_as_older(self, command: int) -> None:
+        """Firmware 0.5 keeps its version, and heartbeats out of turn, to itself."""
+        for part, asked in cansimple.PART_COMMANDS.items():
+            if command == asked:
+                self._send(cansimple.part_error(self._settings.node_id, PartError(part, self._part_errors.get(part, 0))))
 
     def _obey(self, order: Message | None) -> None:
         wanted, rad = self._wanted, self._rad_per_turn
@@ -106,18 +120,25 @@ class OdriveTwin:
                 wanted.torque_Nm = order.torque_Nm * self._torque_ratio
             case odrive_messages.ClearErrors():
                 self._error = 0
+                self._part_errors.clear()
             case odrive_messages.Estop():
-                self.fail(ESTOP_REQUESTED)
+                self.fail(ESTOP_REQUESTED[self._settings.dialect])
         if not (isfinite(wanted.angle_rad) and isfinite(wanted.speed_rad_s) and isfinite(wanted.torque_Nm)):
             self._wanted = SetPoint(wanted.mode)
-            self.fail(MISSING_INPUT)
+            self._fail_for_want_of_a_number()
+
+    def _fail_for_want_of_a_number(self) -> None:
+        if self._settings.dialect == Dialect.V0_5:
+            self.fail_part(Part.MOTOR, odrive_older_meanings.MODULATION_IS_NAN)
+        else:
+            self.fail(odrive_meanings.MISSING_INPUT)
 
     def _request(self, state: int) -> None:
         if state == AxisState.IDLE:
             self._state, self._result = AxisState.IDLE, 0
         elif state == AxisState.CLOSED_LOOP and self._settings.arming_error:
             self.fail(self._settings.arming_error)
-        elif state == AxisState.CLOSED_LOOP and not self._error and self._state != AxisState.CLOSED_LOOP:
+        elif state == AxisState.CLOSED_LOOP and not self._error and not self._part_errors and self._state != AxisState.CLOSED_LOOP:
             self._state, self._result = AxisState.CLOSED_LOOP, 0
             self._loop.reset()
 
@@ -126,10 +147,15 @@ class OdriveTwin:
         self._error |= error
         self._state, self._result = AxisState.IDLE, DISARMED
 
+    def fail_part(self, part: Part, error: int) -> None:
+        """An error of one part, as firmware 0.5 has it: the axis' own error word may stay zero."""
+        self._part_errors[part] = self._part_errors.get(part, 0) | error
+        self.fail(0)
+
     def _check_watchdog(self, now_s: float) -> None:
         limit_s = self._settings.watchdog_s
         if limit_s is not None and self._state == AxisState.CLOSED_LOOP and now_s - self._fed_s > limit_s:
-            self.fail(WATCHDOG_EXPIRED)
+            self.fail(WATCHDOG_EXPIRED[self._settings.dialect])
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
         """The torque on the shaft until the next step."""
@@ -140,22 +166,30 @@ class OdriveTwin:
         if self._state == AxisState.CLOSED_LOOP:
             self._loop.passed(self._wanted, elapsed_s, before, after)
         due_s = self._encoder_ticks.until(now_s).tolist()
-        for angle_rad, speed_rad_s in _between(due_s, elapsed_s, now_s, before, after):
+        for angle_rad, speed_rad_s in moments_between(due_s, elapsed_s, now_s, before, after):
             self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
         for _ in self._heartbeat_ticks.until(now_s):
-            self._send(cansimple.heartbeat(self._settings.node_id, self._beat()))
+            self._send(cansimple.heartbeat(self._settings.node_id, self._beat(), self._settings.dialect))
 
     def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
         node, rad = self._settings.node_id, self._rad_per_turn
         torque_Nm /= self._torque_ratio
-        self._send(cansimple.torques(node, torque_Nm, torque_Nm))
+        if self._settings.dialect == Dialect.V0_5:
+            current_A = torque_Nm / self._settings.torque_constant_Nm_per_A
+            self._send(cansimple.iq(node, current_A, current_A))
+        else:
+            self._send(cansimple.torques(node, torque_Nm, torque_Nm))
         self._send(cansimple.encoder_estimates(node, self._settings.zero_turns + angle_rad / rad, speed_rad_s / rad))
 
     def _beat(self) -> Heartbeat:
-        return Heartbeat(self._error, self._state, self._result, trajectory_done=self._wanted.mode != ControlMode.POSITION)
+        return Heartbeat(self._error, self._state, self._result, self._wanted.mode != ControlMode.POSITION, tuple(self._part_errors))
 
     def _send(self, frame: cansimple.Frame) -> None:
         self._bus.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False))
+
+    @property
+    def dialect(self) -> Dialect:
+        return self._settings.dialect
 
     @property
     def _rad_per_turn(self) -> float:
@@ -164,16 +198,3 @@ class OdriveTwin:
     @property
     def _torque_ratio(self) -> float:
         return self._settings.direction * self._settings.gear_ratio
-
-
-def _between(due_s: list[float], elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState) -> Iterator[tuple[float, float]]:
-    """Angle and speed at the moments of a step that ended at `now_s`: the cubic through angle and speed at its ends."""
-    turned_rad = after.angle_rad - before.angle_rad
-    left_rad, right_rad = before.speed_rad_s * elapsed_s, after.speed_rad_s * elapsed_s
-    square, cube = 3.0 * turned_rad - 2.0 * left_rad - right_rad, left_rad + right_rad - 2.0 * turned_rad
-    for moment_s in due_s:
-        x = 1.0 + (moment_s - now_s) / elapsed_s
-        yield (
-            before.angle_rad + x * (left_rad + x * (square + x * cube)),
-            before.speed_rad_s + x * (2.0 * square + 3.0 * x * cube) / elapsed_s,
-        )

@@ -2,9 +2,9 @@
 
 from math import ceil
 
-from rfca_rig.twins.netft import NetFtTwin
-from rfca_rig.twins.odrive import OdriveTwin
+from rfca_rig.twins.motor import MotorTwin
 from rfca_rig.twins.plant import Plant
+from rfca_rig.twins.sensor import SensorTwin
 
 LONGEST_STEP_S = 2e-3
 RESTING_STEPS = 5
@@ -19,7 +19,7 @@ class TwinWorld:
     are the plant's own.
     """
 
-    def __init__(self, plant: Plant, motor: OdriveTwin, sensor: NetFtTwin, longest_step_s: float = LONGEST_STEP_S) -> None:
+    def __init__(self, plant: Plant, motor: MotorTwin, sensor: SensorTwin, longest_step_s: float = LONGEST_STEP_S) -> None:
         self._plant = plant
         self._motor = motor
         self._sensor = sensor

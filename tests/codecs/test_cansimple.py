@@ -1,6 +1,7 @@
 """ODrive CANSimple frames against the documented layouts."""
 
 import struct
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -8,6 +9,7 @@ from hypothesis import strategies as st
 
 from rfca_rig.codecs import cansimple as cs
 from rfca_rig.codecs import odrive_messages as om
+from rfca_rig.codecs import odrive_older_meanings as older
 from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 from rfca_rig.codecs.odrive_meanings import error_text, result_text, state_text
 from rfca_rig.errors import DeviceError
@@ -172,3 +174,110 @@ def test_another_decoder_reads_the_same_from_the_documented_bit_positions(
 
 def test_the_scale_of_a_feed_forward_is_a_thousandth() -> None:
     assert struct.unpack("<fhh", cs.set_input_pos(0, 0.0, 1.2344, 0.0006)[1]) == (0.0, 1234, 1)
+
+
+# -- firmware 0.5 ------------------------------------------------------------------------------------------------------------
+
+V0_5 = om.Dialect.V0_5
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ("00 08 00 00 01 00 00 00", om.Heartbeat(0x800, 1, 0, False)),
+        ("00 00 00 00 08 00 00 80", om.Heartbeat(0, 8, 0, True)),
+        ("40 00 00 00 01 01 00 00", om.Heartbeat(0x40, 1, 0, False, (om.Part.MOTOR,))),
+        ("00 00 00 00 01 00 01 81", om.Heartbeat(0, 1, 0, True, (om.Part.ENCODER, om.Part.CONTROLLER))),
+    ],
+)
+def test_an_older_heartbeat_has_flags_where_the_newer_has_a_result(data: str, message: om.Heartbeat) -> None:
+    assert cs.heartbeat(3, message, V0_5) == (0x061, bytes.fromhex(data))
+    assert cs.decode(0x061, bytes.fromhex(data), V0_5) == message
+
+
+def test_older_part_errors_have_the_documented_ids_and_64_bits() -> None:
+    assert cs.part_error(3, om.PartError(om.Part.MOTOR, 0x800000008)) == (0x063, bytes.fromhex("08 00 00 00 08 00 00 00"))
+    assert cs.part_error(3, om.PartError(om.Part.ENCODER, 0x80)) == (0x064, bytes.fromhex("80 00 00 00 00 00 00 00"))
+    assert cs.part_error(3, om.PartError(om.Part.CONTROLLER, 1)) == (0x07D, bytes.fromhex("01 00 00 00 00 00 00 00"))
+
+
+def test_the_dialects_do_not_read_each_others_messages() -> None:
+    assert cs.decode(0x1C, bytes(8), V0_5) is None
+    assert cs.decode(0x15, bytes(8), V0_5) is None
+    assert cs.decode(0x04, bytes(8)) is None
+    assert cs.decode(0x1D, bytes(8)) is None
+    assert cs.clear_errors(3, V0_5) == (0x078, b"")
+
+
+@pytest.mark.parametrize(("command", "name"), [(0x01, "HEARTBEAT"), (0x03, "MOTOR_ERROR"), (0x1D, "CONTROLLER_ERROR")])
+def test_a_wrong_length_names_the_older_message_and_dialect(command: int, name: str) -> None:
+    with pytest.raises(MalformedFrame, match=rf"\({name}\) has 7 bytes, expected 8; does the drive speak CANSimple 0\.5"):
+        cs.decode(command, bytes(7), V0_5)
+
+
+@given(st.integers(0, 0x7FF), st.binary(max_size=8))
+def test_no_bytes_make_the_older_decoder_raise_anything_but_its_own_error(arbitration_id: int, data: bytes) -> None:
+    try:
+        cs.decode(arbitration_id, data, V0_5)
+    except MalformedFrame as error:
+        assert isinstance(error, DeviceError)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 255), st.booleans(), st.sets(st.sampled_from(om.Part)))
+def test_an_older_heartbeat_survives_the_wire(error: int, state: int, done: bool, failed: set[om.Part]) -> None:
+    beat = om.Heartbeat(error, state, 0, done, tuple(part for part in om.Part if part in failed))
+    assert cs.decode(*cs.heartbeat(7, beat, V0_5), V0_5) == beat
+
+
+@given(st.sampled_from(om.Part), st.integers(0, 2**64 - 1))
+def test_older_errors_survive_the_wire_and_have_words(part: om.Part, word: int) -> None:
+    assert cs.decode(*cs.part_error(7, om.PartError(part, word)), V0_5) == om.PartError(part, word)
+    assert older.part_error_text(part, word).count(":") == word.bit_count()
+    assert older.error_text(word & 0xFFFFFFFF).count(":") == (word & 0xFFFFFFFF).bit_count()
+
+
+OLDER_DBC = """VERSION ""
+BU_: host drive
+BO_ 33 Heartbeat: 8 drive
+ SG_ Trajectory_Done_Flag : 63|1@1+ (1,0) [0|0] "" host
+ SG_ Controller_Error_Flag : 56|1@1+ (1,0) [0|0] "" host
+ SG_ Encoder_Error_Flag : 48|1@1+ (1,0) [0|0] "" host
+ SG_ Motor_Error_Flag : 40|1@1+ (1,0) [0|0] "" host
+ SG_ Axis_State : 32|8@1+ (1,0) [0|0] "" host
+ SG_ Axis_Error : 0|32@1+ (1,0) [0|0] "" host
+BO_ 36 Get_Encoder_Error: 8 drive
+ SG_ Encoder_Error : 0|32@1+ (1,0) [0|0] "" host
+"""
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 15), st.booleans(), st.sets(st.sampled_from(om.Part)))
+def test_another_decoder_reads_older_frames_the_same(error: int, state: int, done: bool, failed: set[om.Part]) -> None:
+    cantools = pytest.importorskip("cantools")
+    database = cantools.database.load_string(OLDER_DBC, "dbc")
+    beat = om.Heartbeat(error, state, 0, done, tuple(failed))
+    assert database.decode_message(*cs.heartbeat(1, beat, V0_5)) == {
+        "Axis_Error": error,
+        "Axis_State": state,
+        "Trajectory_Done_Flag": done,
+        "Motor_Error_Flag": om.Part.MOTOR in failed,
+        "Encoder_Error_Flag": om.Part.ENCODER in failed,
+        "Controller_Error_Flag": om.Part.CONTROLLER in failed,
+    }
+    assert database.decode_message(*cs.part_error(1, om.PartError(om.Part.ENCODER, error))) == {"Encoder_Error": error}
+
+
+@pytest.mark.parametrize(("version", "dialect"), [("0.5.6", V0_5), ("0.6.10", om.Dialect.V0_6)])
+def test_the_makers_own_database_reads_our_frames(version: str, dialect: om.Dialect) -> None:
+    cantools = pytest.importorskip("cantools")
+    package = pytest.importorskip("odrive_can", reason="the extra `strangers` brings the maker's databases")
+    path = Path(package.__file__).parent / "dbc" / f"odrive-cansimple-{version}.dbc"
+    database = cantools.database.load_file(path)
+    beat = database.decode_message(*cs.heartbeat(0, om.Heartbeat(0x800, 8, 0, True), dialect), decode_choices=False)
+    assert {name: beat[name] for name in ("Axis_Error", "Axis_State", "Trajectory_Done_Flag")} == {
+        "Axis_Error": 0x800,
+        "Axis_State": 8,
+        "Trajectory_Done_Flag": 1,
+    }
+    assert database.decode_message(*cs.encoder_estimates(0, 1.5, -2.0)) == {"Pos_Estimate": 1.5, "Vel_Estimate": -2.0}
+    assert sorted(database.decode_message(*cs.set_input_vel(0, 1.5, 0.25)).values()) == [0.25, 1.5]
+    assert database.decode_message(*cs.iq(0, 4.0, 0.5)) == {"Iq_Setpoint": 4.0, "Iq_Measured": 0.5}

@@ -14,7 +14,9 @@ from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.datagram_link import LinkEnd, datagram_link
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
-from tests.devices.rig import twin_rig
+from tests.devices.force_sensor_contract import ForceSensorContract
+from tests.devices.force_sensor_rig import ForceSensorRig
+from tests.devices.rig import Tampered, twin_rig
 
 SECOND = 0.5
 
@@ -401,3 +403,65 @@ def test_received_and_lost_add_up_to_what_was_sent(order: Callable[[list[bytes]]
     sensor, _ = fed(*order([struct.pack(">3I6i", n, n, 0, *[n] * 6) for n in range(1, 101)]))
     health = sensor.health()
     assert health.received + health.lost == 100
+
+
+class TestNetFt(ForceSensorContract):
+    """The contract over RDT: buffered at the box's full rate, buffered and decimated, and one record a datagram."""
+
+    @pytest.fixture(params=[(1, True), (7, True), (7, False)], ids=["7000-buffered", "1000-buffered", "1000-single"])
+    def rig(self, request: pytest.FixtureRequest) -> ForceSensorRig:
+        decimation, buffered = request.param
+        clock, (here, there) = TwinClock(), datagram_link()
+        link = Tampered(here)
+        rate_Hz = 7000.0 / decimation
+        sensor = NetFtSensor(link, clock, NetFtSettings(rate_Hz=rate_Hz, buffered=buffered))
+        return ForceSensorRig(
+            clock=clock,
+            sensor=sensor,
+            twin=NetFtTwin(there, NetFtTwinSettings(decimation=decimation), np.random.default_rng(1)),
+            rate_Hz=rate_Hz,
+            latency_s=40.0 / rate_Hz if buffered else 0.0,
+            resolution=np.full(6, 0.5001e-6),
+            saturating=(0.0, 0.0, 1200.0, 0.0, 0.0, 0.0),
+            silence=_from_now(link, lambda _: []),
+            lose=_once(link, lambda _: []),
+            damage=_once(link, lambda first: [first[:-1]]),
+            freeze=_from_now(link, lambda datagrams: [_frozen(datagram) for datagram in datagrams]),
+            repeat=_once(link, lambda first: [first, first]),
+            swap=_swapped(link),
+        )
+
+
+def _from_now(link: Tampered, change: Callable[[list[bytes]], list[bytes]]) -> Callable[[], None]:
+    return lambda: setattr(link, "tamper", change)
+
+
+def _once(link: Tampered, change: Callable[[bytes], list[bytes]]) -> Callable[[], None]:
+    """Changes the next datagram."""
+
+    def tamper(datagrams: list[bytes]) -> list[bytes]:
+        if not datagrams:
+            return []
+        link.tamper = None
+        return [*change(datagrams[0]), *datagrams[1:]]
+
+    return lambda: setattr(link, "tamper", tamper)
+
+
+def _swapped(link: Tampered) -> Callable[[], None]:
+    """Holds the next datagram back until another has come, and lets that one pass it."""
+    held: list[bytes] = []
+
+    def tamper(datagrams: list[bytes]) -> list[bytes]:
+        held.extend(datagrams)
+        if len(held) < 2:
+            return []
+        link.tamper = None
+        return [held[1], held[0], *held[2:]]
+
+    return lambda: setattr(link, "tamper", tamper)
+
+
+def _frozen(datagram: bytes) -> bytes:
+    records = decode_records(datagram)
+    return encode_records(Records(records.rdt_sequence, np.full_like(records.ft_sequence, 77), records.status, records.counts))

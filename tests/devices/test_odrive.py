@@ -2,13 +2,14 @@
 
 import math
 import re
+from dataclasses import replace
 
 import can
 import numpy as np
 import pytest
 from can.interfaces.virtual import VirtualBus
 
-from rfca_rig.clock import TwinClock
+from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.codecs import cansimple, odrive_messages
 from rfca_rig.codecs.odrive_messages import ControlMode
 from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
@@ -19,6 +20,7 @@ from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.speed_loop import LoopGains
 from rfca_rig.twins.world import TwinWorld
+from tests.devices.motor_contract import MotorContract
 from tests.devices.rig import twin_rig
 from tests.devices.rotor import Rotor
 
@@ -31,6 +33,29 @@ def frames_of(bus: can.BusABC) -> list[can.Message]:
 
 def send(bus: can.BusABC, frame: cansimple.Frame) -> None:
     bus.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False))
+
+
+class TestOdriveAsAMotor(MotorContract):
+    """The driver on its twin, with a gear, the other direction and a zero of its own."""
+
+    ANGLE_TOLERANCE_RAD = 1e-3
+
+    def driver(self, bus: can.BusABC, clock: Clock) -> OdriveMotor:
+        return OdriveMotor(bus, clock, OdriveSettings(0, **GEARED))
+
+    def twin(self, bus: can.BusABC, watchdog_s: float | None) -> OdriveTwin:
+        return OdriveTwin(bus, OdriveTwinSettings(watchdog_s=watchdog_s, **GEARED))
+
+    def leave_stale_set_point(self, bus: can.BusABC) -> None:
+        send(bus, cansimple.set_input_pos(0, -3.0, 5.0))
+
+    def fail(self, twin: OdriveTwin) -> str:
+        twin.fail(1 << 13)
+        return r"error 0x00002000 \(MOTOR_OVER_TEMP: motor too hot\)"
+
+    def refuse(self, twin: OdriveTwin) -> str:
+        twin._settings = replace(twin._settings, arming_error=1 << 3)
+        return r"refuses closed loop with error 0x00000008 \(MISSING_ESTIMATE"
 
 
 def test_enabling_moves_nothing_even_where_a_stale_set_point_waits_in_the_drive() -> None:

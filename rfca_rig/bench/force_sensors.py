@@ -1,0 +1,146 @@
+"""Drivers and twins of the force sensors that a rig file may name: one place that knows them all."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rfca_rig.acquisition.acquired import AcquiredDatagrams
+from rfca_rig.acquisition.starting import can_be_started
+from rfca_rig.clock import Clock, WallClock
+from rfca_rig.codecs.ati_calibration import Calibration, parse_calibration
+from rfca_rig.codecs.ati_serial import LARGEST_COUNT
+from rfca_rig.description.force_sensor_sections import AtiDaqSection, AtiSerialSection, NetFtSection
+from rfca_rig.description.rig_file import RigFile, TwinSection
+from rfca_rig.drivers.ati_serial import AtiSerialSensor
+from rfca_rig.drivers.daq_ft import DaqFtSensor, DaqFtSettings
+from rfca_rig.drivers.datagrams import UdpDatagrams, receive_buffer_advice
+from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
+from rfca_rig.drivers.netft_box import Box, CommandBox, HttpBox
+from rfca_rig.drivers.nidaqmx_gages import NidaqmxGages
+from rfca_rig.drivers.roles import ForceSensor
+from rfca_rig.drivers.serial_port import open_port
+from rfca_rig.errors import BadInput
+from rfca_rig.twins.ati_serial import AtiSerialTwin, AtiSerialTwinSettings
+from rfca_rig.twins.daq_ft import DaqFtTwin, DaqFtTwinSettings
+from rfca_rig.twins.datagram_link import Link, datagram_link
+from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.netft_box import NetFtBoxTwin
+from rfca_rig.twins.sensor import SensorTwin
+from rfca_rig.twins.serial_line import SerialLine, serial_line
+
+
+def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> ForceSensor:
+    """The driver that [force_sensor] names, on the real device; what it opened is closed with the stack."""
+    sensor = rig.force_sensor
+    match sensor:
+        case NetFtSection():
+            datagrams = AcquiredDatagrams(sensor.host, clock, sensor.port) if can_be_started() else UdpDatagrams(sensor.host, sensor.port)
+            stack.callback(datagrams.close)
+            return NetFtSensor(datagrams, clock, _netft(sensor), _box(sensor), receive_buffer_advice(datagrams.receive_buffer_bytes))
+        case AtiSerialSection():
+            port = open_port(sensor.port, sensor.bits_per_s)
+            stack.callback(port.close)
+            return AtiSerialSensor(port, clock, sensor.settings())
+        case AtiDaqSection():
+            calibration = _calibration(sensor)
+            gages = NidaqmxGages(sensor.channels, sensor.rate_Hz, calibration.rails_V)
+            stack.callback(gages.stop)
+            return DaqFtSensor(gages, clock, calibration, DaqFtSettings(sensor.rate_Hz, sensor.unloaded_V))
+
+
+@dataclass(frozen=True)
+class SensorPair:
+    """A sensor's twin, and what makes the driver on the other end of its wire."""
+
+    twin: SensorTwin
+    driver: Callable[[Clock], ForceSensor]
+
+
+def make_sensor_pair(rig: RigFile, twin: TwinSection, random: np.random.Generator) -> SensorPair:
+    """The twin that [force_sensor] names on a wire of its own, all in this process. `random` is the sensor's noise."""
+    sensor = rig.force_sensor
+    match sensor:
+        case NetFtSection():
+            return _netft_pair(sensor, twin, random)
+        case AtiSerialSection():
+            host, device = serial_line()
+            serial_twin = AtiSerialTwin(device, _serial_twin(sensor, twin), random)
+            return SensorPair(serial_twin, lambda clock: AtiSerialSensor(host, clock, sensor.settings()))
+        case AtiDaqSection():
+            calibration = _calibration(sensor)
+            gages = DaqFtTwin(calibration, DaqFtTwinSettings(sensor.rate_Hz, sensor.unloaded_V, _noise_std(twin)), random)
+            settings = DaqFtSettings(sensor.rate_Hz, sensor.unloaded_V)
+            return SensorPair(gages, lambda clock: DaqFtSensor(gages, clock, calibration, settings))
+
+
+def _netft_pair(sensor: NetFtSection, twin: TwinSection, random: np.random.Generator) -> SensorPair:
+    here, there = datagram_link()
+    settings = _netft_twin(sensor, twin)
+    streaming = NetFtTwin(there, settings, random)
+    box = None if sensor.configuration == "unchecked" else NetFtBoxTwin(streaming, settings)
+    return SensorPair(streaming, lambda clock: NetFtSensor(here, clock, _netft(sensor), box))
+
+
+def make_netft_twins(sensor: NetFtSection, twin: TwinSection, random: np.random.Generator, link: Link) -> tuple[NetFtTwin, NetFtBoxTwin]:
+    """The twin of a Net F/T on a link from elsewhere, and what else its box answers."""
+    settings = _netft_twin(sensor, twin)
+    streaming = NetFtTwin(link, settings, random)
+    return streaming, NetFtBoxTwin(streaming, settings)
+
+
+def make_serial_twin(sensor: AtiSerialSection, twin: TwinSection, random: np.random.Generator, line: SerialLine) -> AtiSerialTwin:
+    """The twin of an F/T controller on a serial line from elsewhere."""
+    return AtiSerialTwin(line, _serial_twin(sensor, twin), random)
+
+
+def _netft(sensor: NetFtSection) -> NetFtSettings:
+    return NetFtSettings(
+        counts_per_N=sensor.counts_per_N,
+        counts_per_Nm=sensor.counts_per_Nm,
+        rate_Hz=sensor.rate_Hz,
+        address=f"{sensor.host}:{sensor.port}",
+        buffered=sensor.buffered,
+    )
+
+
+def _box(sensor: NetFtSection) -> Box | None:
+    if sensor.configuration == "http":
+        return HttpBox(sensor.host, sensor.http_port)
+    return CommandBox(sensor.host, sensor.command_port) if sensor.configuration == "commands" else None
+
+
+def _netft_twin(sensor: NetFtSection, twin: TwinSection) -> NetFtTwinSettings:
+    return NetFtTwinSettings(
+        counts_per_N=sensor.counts_per_N,
+        counts_per_Nm=sensor.counts_per_Nm,
+        decimation=_netft(sensor).decimation,
+        noise_std=_noise_std(twin),
+    )
+
+
+def _serial_twin(sensor: AtiSerialSection, twin: TwinSection) -> AtiSerialTwinSettings:
+    """A transducer whose range is what 16 bits hold."""
+    return AtiSerialTwinSettings(
+        counts_per_N=sensor.counts_per_N,
+        counts_per_Nm=sensor.counts_per_Nm,
+        sampling_Hz=sensor.rate_Hz,
+        bits_per_s=sensor.bits_per_s,
+        noise_std=_noise_std(twin),
+        full_scale=(LARGEST_COUNT / sensor.counts_per_N,) * 3 + (LARGEST_COUNT / sensor.counts_per_Nm,) * 3,
+    )
+
+
+def _noise_std(twin: TwinSection) -> tuple[float, ...]:
+    return (twin.noise_N,) * 3 + (twin.noise_Nm,) * 3
+
+
+def _calibration(sensor: AtiDaqSection) -> Calibration:
+    """Raises BadInput where there is no such file, or it is none."""
+    try:
+        content = Path(sensor.calibration_file).read_bytes()
+    except OSError as error:
+        raise BadInput(f"{sensor.calibration_file}: cannot be read: {error.strerror}; see calibration_file in the rig file") from None
+    return parse_calibration(content, sensor.calibration_file)

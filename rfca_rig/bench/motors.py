@@ -1,0 +1,171 @@
+"""Drivers and twins of the motors that a rig file may name: one place that knows them all."""
+
+import can
+
+from rfca_rig.clock import Clock
+from rfca_rig.codecs.odrive_messages import Dialect
+from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, MotorSection, OdriveSection
+from rfca_rig.description.rig_file import RigFile, TwinDriveSection
+from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
+from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.drivers.moteus import MoteusMotor, MoteusSettings
+from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.drivers.roles import ShaftMotor
+from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
+from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
+from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
+from rfca_rig.twins.moteus_loop import MoteusGains
+from rfca_rig.twins.motor import MotorTwin
+from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
+from rfca_rig.twins.speed_loop import LoopGains
+
+
+def open_bus(motor: MotorSection) -> can.BusABC:
+    """The bus that [motor] names, to be shut by the caller. Raises what python-can raises."""
+    if motor.fd_bitrate is None:
+        return can.Bus(interface=motor.interface, channel=motor.channel, bitrate=motor.bitrate)
+    return can.Bus(interface=motor.interface, channel=motor.channel, bitrate=motor.bitrate, data_bitrate=motor.fd_bitrate, fd=True)
+
+
+def make_motor(rig: RigFile, bus: can.BusABC, clock: Clock) -> ShaftMotor:
+    """The driver that [motor] names, on its end of the bus."""
+    motor, timeout_s = rig.motor, rig.limits.drive_silent_ms / 1e3
+    match motor:
+        case OdriveSection():
+            return OdriveMotor(bus, clock, _odrive(motor, timeout_s))
+        case CubemarsMitSection():
+            return CubemarsMitMotor(bus, clock, _mit(motor, timeout_s))
+        case CubemarsServoSection():
+            return CubemarsServoMotor(bus, clock, _servo(motor, timeout_s))
+        case MoteusSection():
+            return MoteusMotor(bus, clock, _moteus(motor, timeout_s))
+
+
+def make_motor_twin(rig: RigFile, drive: TwinDriveSection, bus: can.BusABC) -> MotorTwin:
+    """The twin of the drive that [motor] names, on its end of the bus."""
+    motor = rig.motor
+    match motor:
+        case OdriveSection():
+            return OdriveTwin(bus, _odrive_twin(motor, drive))
+        case CubemarsMitSection():
+            return CubemarsMitTwin(bus, _mit_twin(motor, drive))
+        case CubemarsServoSection():
+            return CubemarsServoTwin(bus, _servo_twin(motor, drive))
+        case MoteusSection():
+            return MoteusTwin(bus, _moteus_twin(motor, drive))
+
+
+def _odrive(motor: OdriveSection, timeout_s: float) -> OdriveSettings:
+    return OdriveSettings(
+        node_id=motor.node_id,
+        gear_ratio=motor.gear_ratio,
+        direction=motor.direction,
+        zero_turns=motor.zero_turns,
+        encoder_period_s=motor.encoder_period_ms / 1e3,
+        heartbeat_timeout_s=timeout_s,
+        dialect=Dialect(motor.dialect),
+        torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A,
+    )
+
+
+def _odrive_twin(motor: OdriveSection, drive: TwinDriveSection) -> OdriveTwinSettings:
+    return OdriveTwinSettings(
+        node_id=motor.node_id,
+        gear_ratio=motor.gear_ratio,
+        direction=motor.direction,
+        zero_turns=motor.zero_turns,
+        gains=_gains(drive),
+        encoder_period_s=motor.encoder_period_ms / 1e3,
+        dialect=Dialect(motor.dialect),
+        torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A or 1.0,
+    )
+
+
+def _mit(motor: CubemarsMitSection, timeout_s: float) -> MitSettings:
+    return MitSettings(
+        drive_id=motor.drive_id,
+        model=motor.model,
+        direction=motor.direction,
+        zero_rad=motor.zero_rad,
+        speed_gain_Nm_s_per_rad=motor.speed_gain_Nm_s_per_rad,
+        angle_gain_per_s=motor.angle_gain_per_s,
+        reply_timeout_s=timeout_s,
+    )
+
+
+def _mit_twin(motor: CubemarsMitSection, drive: TwinDriveSection) -> MitTwinSettings:
+    """Its gains come over the wire; of [twin.drive] only the torque limit is its own."""
+    return MitTwinSettings(
+        drive_id=motor.drive_id,
+        model=motor.model,
+        direction=motor.direction,
+        zero_rad=motor.zero_rad,
+        torque_limit_Nm=drive.torque_limit_Nm,
+    )
+
+
+def _servo(motor: CubemarsServoSection, timeout_s: float) -> ServoSettings:
+    return ServoSettings(
+        drive_id=motor.drive_id,
+        gear_ratio=motor.gear_ratio,
+        pole_pairs=motor.pole_pairs,
+        torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A,
+        direction=motor.direction,
+        zero_deg=motor.zero_deg,
+        status_period_s=motor.status_period_ms / 1e3,
+        status_timeout_s=timeout_s,
+    )
+
+
+def _servo_twin(motor: CubemarsServoSection, drive: TwinDriveSection) -> ServoTwinSettings:
+    return ServoTwinSettings(
+        drive_id=motor.drive_id,
+        gear_ratio=motor.gear_ratio,
+        pole_pairs=motor.pole_pairs,
+        torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A,
+        direction=motor.direction,
+        zero_deg=motor.zero_deg,
+        gains=_gains(drive),
+        status_period_s=motor.status_period_ms / 1e3,
+    )
+
+
+def _moteus(motor: MoteusSection, timeout_s: float) -> MoteusSettings:
+    return MoteusSettings(
+        drive_id=motor.drive_id,
+        can_prefix=motor.can_prefix,
+        gear_ratio=motor.gear_ratio,
+        direction=motor.direction,
+        zero_turns=motor.zero_turns,
+        watchdog_s=motor.watchdog_ms / 1e3,
+        torque_limit_Nm=motor.torque_limit_Nm,
+        reply_timeout_s=timeout_s,
+        bitrate_switch=motor.bitrate_switch,
+    )
+
+
+def _moteus_twin(motor: MoteusSection, drive: TwinDriveSection) -> MoteusTwinSettings:
+    """A moteus has one PID about its target; this one does to an angle what the cascade that [twin.drive] describes does."""
+    gains = MoteusGains(
+        kp_Nm_per_rad=drive.speed_gain_Nm_s_per_rad * drive.angle_gain_per_s + drive.integral_gain_Nm_per_rad,
+        ki_Nm_per_rad_s=drive.integral_gain_Nm_per_rad * drive.angle_gain_per_s,
+        kd_Nm_s_per_rad=drive.speed_gain_Nm_s_per_rad,
+        torque_limit_Nm=drive.torque_limit_Nm,
+    )
+    return MoteusTwinSettings(
+        drive_id=motor.drive_id,
+        can_prefix=motor.can_prefix,
+        gear_ratio=motor.gear_ratio,
+        direction=motor.direction,
+        zero_turns=motor.zero_turns,
+        gains=gains,
+    )
+
+
+def _gains(drive: TwinDriveSection) -> LoopGains:
+    return LoopGains(
+        speed_gain_Nm_s_per_rad=drive.speed_gain_Nm_s_per_rad,
+        integral_gain_Nm_per_rad=drive.integral_gain_Nm_per_rad,
+        angle_gain_per_s=drive.angle_gain_per_s,
+        torque_limit_Nm=drive.torque_limit_Nm,
+    )

@@ -1,0 +1,107 @@
+"""rfca-rig twin: the twin rig as a server that any client of the same wires can talk to."""
+
+import json
+import socket
+from typing import Annotated
+
+import typer
+
+from rfca_rig.cli.options import Rig, Seed
+from rfca_rig.errors import BadInput, DeviceError, Stopped
+
+RDT_PORT, COMMAND_PORT, HTTP_PORT = 49152, 49151, 8080
+CAN_PORT, CONTROL_PORT = 29536, 49160
+ANSWER_WITHIN_S = 5.0
+
+app = typer.Typer(name="twin", help="The twin rig as a server in real time, for clients of the same wires.", no_args_is_help=True)
+
+
+@app.command("serve")
+def serve(
+    rig: Rig = "twin",
+    seed: Seed = None,
+    listen: Annotated[str, typer.Option("--listen", metavar="ADDRESS", help="Address to listen on; this machine only if not given.")] = (
+        "127.0.0.1"
+    ),
+    rdt_port: Annotated[int, typer.Option("--rdt-port", min=0, max=65535, help="UDP port of the force sensor; 0 is any.")] = RDT_PORT,
+    http_port: Annotated[
+        int, typer.Option("--http-port", min=0, max=65535, help="TCP port of the sensor's web page; 0 is any.")
+    ] = HTTP_PORT,
+    command_port: Annotated[
+        int, typer.Option("--command-port", min=0, max=65535, help="TCP port of its commands; 0 is any.")
+    ] = COMMAND_PORT,
+    can_port: Annotated[int, typer.Option("--can-port", min=0, max=65535, help="TCP port of CAN as socketcand; 0 is any.")] = CAN_PORT,
+    control_port: Annotated[int, typer.Option("--control-port", min=0, max=65535, help="TCP port of the control lines; 0 is any.")] = (
+        CONTROL_PORT
+    ),
+    slcan: Annotated[bool, typer.Option("--slcan", help="Also offer CAN as a serial adapter on a pseudo terminal.")] = False,
+    height: Annotated[float, typer.Option("--height", min=1.0, max=999.0, help="Height of the shaft above the ground, mm.")] = 250.0,
+    fault: Annotated[
+        list[str] | None, typer.Option("--fault", metavar="NAME@SECONDS", help="Switch a fault on then, or NAME@FROM-TO; may be repeated.")
+    ] = None,
+    seconds: Annotated[float, typer.Option("--seconds", min=0.0, help="End after that long; 0 goes on until ^C.")] = 0.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON with the ports on standard output.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing.")] = False,
+) -> None:
+    """Let strangers' clients talk to the twins: force sensor on UDP, motor on CAN over TCP; faults can be switched meanwhile.
+
+    ^C ends it.
+    """
+    from rfca_rig.bench.openings import Openings
+    from rfca_rig.bench.served import open_served
+    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.terminal import marked
+    from rfca_rig.clock import WallClock
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.model.compiled import is_warm
+    from rfca_rig.twin_server.agenda import switchings
+    from rfca_rig.twin_server.listening import is_loopback
+
+    say = marked("SIM", quiet)
+    orders = switchings(fault or [])
+    described = read_rig(find_file("calibration", rig))
+    if not is_loopback(listen):
+        say(f"WARNING open to the network: whoever reaches {listen} can command this twin and read it; there is no password")
+    if not is_warm():
+        say("compiling the model, once on this machine, about ten seconds ...")
+    twin_seed = seed if seed is not None else described.twin.seed if described.twin else 0
+    openings = Openings(listen, rdt_port, http_port, command_port, can_port, control_port, slcan, 1e-3 * height)
+    with open_served(described, twin_seed, openings, WallClock()) as served:
+        try:
+            for address in served.reached.addresses:
+                say(address)
+            if as_json:
+                typer.echo(json.dumps(served.reached.names))
+            served.serve(orders, seconds or float("inf"), lambda order: say(f"fault {order.name} {'on' if order.on else 'off'}"))
+        except KeyboardInterrupt:
+            raise Stopped(f"stopped by the operator; {served.status()}") from None
+        say(served.status())
+
+
+@app.command("tell")
+def tell(
+    words: Annotated[list[str], typer.Argument(help="on NAME, off NAME, off all, faults, status, or height MM.")],
+    control_port: Annotated[int, typer.Option("--control-port", min=1, max=65535, help="Where the server listens.")] = CONTROL_PORT,
+) -> None:
+    """Switch faults of a running server, or ask how it is."""
+    answer = _asked(" ".join(words), control_port)
+    if answer[-1].startswith("error "):
+        raise BadInput(answer[-1].removeprefix("error "))
+    for line in answer[:-1]:
+        typer.echo(line)
+
+
+def _asked(line: str, port: int) -> list[str]:
+    """The lines of the answer, `ok` or `error ...` last."""
+    answer = ""
+    try:
+        with socket.create_connection(("127.0.0.1", port), timeout=ANSWER_WITHIN_S) as connection:
+            connection.sendall(f"{line}\n".encode())
+            while not answer.endswith("ok\n") and "error " not in answer:
+                received = connection.recv(1 << 16)
+                if not received:
+                    raise DeviceError(f"the server on port {port} hung up; is it rfca-rig twin serve?")
+                answer += received.decode("ascii", "replace")
+    except OSError as error:
+        raise DeviceError(f"no answer on port {port}: {error}; is rfca-rig twin serve running, with that --control-port?") from error
+    return answer.splitlines()

@@ -1,0 +1,197 @@
+"""The calibration file (.cal, XML) of an ATI DAQ F/T transducer: six gage voltages to a wrench; pure.
+
+Elements and attributes: the comment at the head of every such file (`UserAxis` is the matrix for one's own software, `Axis` is a
+scaled one for ATI's) and ATI's DAQ F/T C library, which also gives the formula of the temperature compensation.
+"""
+
+from dataclasses import dataclass
+from math import isfinite
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.codecs.ati_units import newton_metres_per, newtons_per
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.errors import BadInput
+
+Floats = NDArray[np.float64]
+
+GAGES = 6
+AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+WORST_CONDITION = 1e7  # of the matrix in N and N m per volt; a real one is below 100
+
+
+@dataclass(frozen=True, eq=False)
+class TemperatureCompensation:
+    """compensated volts = (volts + bias_slope * warmth) / (1 - gain_slope * warmth), warmth = thermistor - reference, in volts."""
+
+    bias_slopes: Floats
+    gain_slopes: Floats
+    reference_V: float
+
+    def compensated(self, volts: Floats, thermistor_V: Floats) -> Floats:
+        """`volts` (m, 6) as they would be at the reference temperature; `thermistor_V` (m,)."""
+        warmth = (thermistor_V - self.reference_V)[:, None]
+        corrected: Floats = (volts + self.bias_slopes * warmth) / (1.0 - self.gain_slopes * warmth)
+        return corrected
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """One transducer's calibration in SI: `matrix` (6, 6) N and N m per volt, `limits` (6,) the rated load, `rails_V` lowest, highest.
+
+    `force_unit` and `torque_unit` are those of the file. `compensated_in_hardware`: the transducer's own circuit does it.
+    """
+
+    serial_number: str
+    body_style: str
+    part_number: str
+    date: str
+    force_unit: str
+    torque_unit: str
+    matrix: Floats
+    limits: Floats
+    rails_V: tuple[float, float]
+    compensated_in_hardware: bool
+    temperature: TemperatureCompensation | None
+
+    @property
+    def channels(self) -> int:
+        """How many voltages belong to a sample: the gages, and the thermistor where the file compensates by it."""
+        return GAGES + (self.temperature is not None)
+
+    def wrench(self, volts: Floats, unloaded_V: Floats) -> Floats:
+        """(m, 6) N and N m from `volts` (m, channels); `unloaded_V` (channels,) is what the gages showed without load."""
+        loaded = volts - unloaded_V if self.temperature is None else self._at_reference(volts) - self._at_reference(unloaded_V[None, :])
+        forces: Floats = loaded @ self.matrix.T
+        return forces
+
+    def _at_reference(self, volts: Floats) -> Floats:
+        assert self.temperature is not None
+        return self.temperature.compensated(volts[:, :GAGES], volts[:, GAGES])
+
+    def volts(self, wrench: Floats, unloaded_V: Floats) -> Floats:
+        """The inverse of `wrench` at the reference temperature: gage voltages (m, 6)."""
+        gages: Floats = np.linalg.solve(self.matrix, wrench.T).T + unloaded_V[:GAGES]
+        return gages
+
+
+def parse_calibration(content: bytes, where: str) -> Calibration:
+    """The calibration in a .cal file. Raises BadInput, `where` first and in one line, for anything that is not whole and clear."""
+    try:
+        return _sensor(_root(content))
+    except MalformedFrame as error:
+        raise BadInput(f"{where}: {error}") from None
+
+
+def _root(content: bytes) -> Xml.Element:
+    if b"<!DOCTYPE" in content:
+        raise MalformedFrame("declares a document type, which no calibration file does")
+    try:
+        root = Xml.fromstring(content)
+    except (Xml.ParseError, ValueError, LookupError) as error:
+        raise MalformedFrame(f"not XML: {error}; take ATI's calibration file as it is on their disk") from None
+    if root.tag != "FTSensor":
+        raise MalformedFrame(f"begins with <{root.tag[:40]}>, a calibration file of a DAQ F/T begins with <FTSensor>")
+    return root
+
+
+def _sensor(root: Xml.Element) -> Calibration:
+    gages = _text(root, "NumGages")
+    if gages != str(GAGES):
+        raise MalformedFrame(f"NumGages is {gages!r}, only transducers of {GAGES} gages are known")
+    calibrations = root.findall("Calibration")
+    if len(calibrations) != 1:
+        raise MalformedFrame(f"holds {len(calibrations)} <Calibration> elements, expected one; keep the one of the range in use")
+    element = calibrations[0]
+    to_si = _to_si(element)
+    rows, limits = _axes(element)
+    return Calibration(
+        serial_number=_text(root, "Serial"),
+        body_style=root.get("BodyStyle", ""),
+        part_number=_text(element, "PartNumber"),
+        date=_text(element, "CalDate"),
+        force_unit=_text(element, "ForceUnits"),
+        torque_unit=_text(element, "TorqueUnits"),
+        matrix=_regular(rows * to_si[:, None]),
+        limits=limits * to_si,
+        rails_V=_rails(element),
+        compensated_in_hardware=_truth(element, "HWTempComp", "False"),
+        temperature=_temperature(element),
+    )
+
+
+def _to_si(element: Xml.Element) -> Floats:
+    return np.repeat([newtons_per(_text(element, "ForceUnits")), newton_metres_per(_text(element, "TorqueUnits"))], 3)
+
+
+def _axes(element: Xml.Element) -> tuple[Floats, Floats]:
+    """The rows of the matrix (6, 6) and the rated loads (6,), in the order of AXES and the file's units."""
+    found = element.findall("UserAxis")
+    if not found and element.find("Axis") is not None:
+        raise MalformedFrame("has no <UserAxis> elements, only ATI's internal <Axis> matrix; ask ATI for a file of version 1.1")
+    by_name = {axis.get("Name", ""): axis for axis in found}
+    if sorted(by_name) != sorted(AXES) or len(found) != len(AXES):
+        named = ", ".join(axis.get("Name", "?")[:20] for axis in found) or "none"
+        raise MalformedFrame(f"names the axes {named} in <UserAxis>, expected each of {', '.join(AXES)} once")
+    rows = np.array([_numbers(by_name[name], "values", GAGES) for name in AXES])
+    limits = np.array([_positive(by_name[name], "max") for name in AXES])
+    return rows, limits
+
+
+def _regular(matrix: Floats) -> Floats:
+    if not np.linalg.cond(matrix) < WORST_CONDITION:
+        raise MalformedFrame("its matrix cannot be inverted, so no six gages of a transducer gave it; was a row copied?")
+    return matrix
+
+
+def _rails(element: Xml.Element) -> tuple[float, float]:
+    span_V = _positive(element, "OutputRange")
+    return (-0.5 * span_V, 0.5 * span_V) if _truth(element, "OutputBipolar") else (0.0, span_V)
+
+
+def _temperature(element: Xml.Element) -> TemperatureCompensation | None:
+    """None where the file has none of its three elements; where it has some, it must have all."""
+    parts = {name: element.find(name) for name in ("BiasSlope", "GainSlope", "Thermistor")}
+    bias, gain, thermistor = parts.values()
+    if bias is None and gain is None and thermistor is None:
+        return None
+    if bias is None or gain is None or thermistor is None:
+        missing = ", ".join(f"<{name}>" for name, part in parts.items() if part is None)
+        raise MalformedFrame(f"compensates for temperature but lacks {missing}")
+    slopes = [np.array(_numbers(part, "values", GAGES)) for part in (bias, gain)]
+    return TemperatureCompensation(slopes[0], slopes[1], _numbers(thermistor, "value", 1)[0])
+
+
+def _text(element: Xml.Element, name: str) -> str:
+    value = element.get(name, "").strip()
+    if not value:
+        raise MalformedFrame(f"<{element.tag}> lacks {name}")
+    return value
+
+
+def _truth(element: Xml.Element, name: str, default: str | None = None) -> bool:
+    value = element.get(name, default) if default else _text(element, name)
+    if value not in {"True", "False"}:
+        raise MalformedFrame(f"{name} is {value!r}, must be True or False")
+    return value == "True"
+
+
+def _positive(element: Xml.Element, name: str) -> float:
+    value = _numbers(element, name, 1)[0]
+    if value <= 0.0:
+        raise MalformedFrame(f"{name} is {value:g}, must be above 0")
+    return value
+
+
+def _numbers(element: Xml.Element, name: str, count: int) -> list[float]:
+    """Numbers that blanks part, as many as there must be, each finite."""
+    words = _text(element, name).split()
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        raise MalformedFrame(f"{name} of <{element.tag}> holds {' '.join(words)[:60]!r}, expected numbers") from None
+    if len(values) != count or not all(map(isfinite, values)):
+        raise MalformedFrame(f"{name} of <{element.tag}> holds {' '.join(words)[:60]!r}, expected {count} finite numbers")
+    return values

@@ -1,0 +1,56 @@
+"""What the fields of MIT mode span on each CubeMars / T-Motor AK drive.
+
+The frame carries fractions of a range that stands nowhere on the wire: with another drive's range every value is scaled wrongly
+and silently. So a row is chosen by model, and where a firmware differs from the manual, by model and firmware.
+
+Sources: CubeMars AK Series Module Driver Manual V1.0.18, MIT mode, table of parameter ranges, for names without a version; the
+table of DFKI's mini-cheetah-tmotor-python-can (src/motor_driver/canmotorlib.py), measured on drives of that firmware, for names
+that end in one.
+"""
+
+from dataclasses import dataclass
+
+from rfca_rig.errors import BadInput
+
+GAIN_Nm_PER_RAD = 500.0  # kp, from 0; the same on every drive
+GAIN_Nm_S_PER_RAD = 5.0  # kd, from 0
+
+
+@dataclass(frozen=True)
+class MitRanges:
+    """Each field goes from minus to plus its value; at the output shaft. Temperatures are sent with `temperature_offset_degC` added."""
+
+    model: str
+    speed_rad_s: float
+    torque_Nm: float
+    position_rad: float = 12.5
+    temperature_offset_degC: int = 40
+
+
+MIT_RANGES = {
+    row.model: row
+    for row in (
+        MitRanges("AK10-9", 50.0, 65.0),
+        MitRanges("AK40-10", 45.5, 5.0),
+        MitRanges("AK45-10", 20.0, 8.0),
+        MitRanges("AK45-36", 6.0, 34.0),
+        MitRanges("AK60-6", 45.0, 15.0),
+        MitRanges("AK70-10", 50.0, 25.0),
+        MitRanges("AK80-6", 76.0, 12.0),
+        MitRanges("AK80-8", 37.5, 32.0),
+        MitRanges("AK80-9", 50.0, 18.0),
+        MitRanges("AK80-64", 8.0, 144.0),
+        MitRanges("AK70-10-V1.1", 50.0, 24.0, temperature_offset_degC=0),
+        MitRanges("AK80-6-V1.0", 45.0, 18.0, position_rad=95.5, temperature_offset_degC=0),
+        MitRanges("AK80-6-V1.1", 22.5, 12.0, temperature_offset_degC=0),
+        MitRanges("AK80-9-V1.1", 22.5, 18.0, temperature_offset_degC=0),
+        MitRanges("AK80-9-V2.0", 25.64, 18.0, temperature_offset_degC=0),
+    )
+}
+
+
+def mit_ranges(model: str) -> MitRanges:
+    """Raises BadInput, naming what is known, for a model that is not in the table."""
+    if model not in MIT_RANGES:
+        raise BadInput(f"drive: model {model!r} is not known, known are {', '.join(MIT_RANGES)}")
+    return MIT_RANGES[model]

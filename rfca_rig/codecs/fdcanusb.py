@@ -1,0 +1,109 @@
+"""The ASCII lines of a fdcanusb, a serial adapter for CAN-FD, which a moteus speaks on its own UART as well; pure.
+
+Sources: mjbots fdcanusb README, "Protocol"; moteus reference, "UART" (checksums). A client says `can send ID DATA [flags]` and is
+answered `OK` or `ERR ...`; a frame from the bus is `rcv ID DATA flags`. Lines may end in ` *XX`, a CRC-8 of all before the star.
+"""
+
+from dataclasses import dataclass
+
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.codecs.moteus import FD_LENGTHS
+
+POLYNOMIAL = 0x97
+LONGEST_LINE = 256
+EXTENDED_IDS = 1 << 29
+STANDARD_IDS = 1 << 11
+_END = b"\r\n"
+
+
+@dataclass(frozen=True, slots=True)
+class FdFrame:
+    """A CAN-FD data frame. Raises MalformedFrame for what no such frame can be."""
+
+    can_id: int
+    data: bytes
+    extended: bool = True
+    bitrate_switch: bool = True
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.can_id < (EXTENDED_IDS if self.extended else STANDARD_IDS):
+            raise MalformedFrame(f"CAN identifier {self.can_id:#x} does not fit {29 if self.extended else 11} bits")
+        if len(self.data) not in FD_LENGTHS:
+            raise MalformedFrame(f"CAN-FD frame of {len(self.data)} bytes, which CAN-FD does not have")
+
+
+def crc8(data: bytes) -> int:
+    """Most significant bit first, beginning with 0."""
+    crc = 0
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc << 1 ^ POLYNOMIAL) & 0xFF if crc & 0x80 else crc << 1
+    return crc
+
+
+def line(text: str) -> bytes:
+    """A line with its checksum and end."""
+    guarded = f"{text} ".encode("ascii", "replace")
+    return guarded + f"*{crc8(guarded):02X}".encode("ascii") + _END
+
+
+def split(received: bytes) -> tuple[list[bytes], bytes]:
+    """Whole lines without their ends, none empty, and what is left over. Raises MalformedFrame where a line has no end."""
+    *whole, rest = received.replace(b"\r", b"\n").split(b"\n")
+    if len(rest) > LONGEST_LINE:
+        raise MalformedFrame(f"line of more than {LONGEST_LINE} bytes without an end")
+    return [one for one in whole if one], rest
+
+
+def checked(said: bytes) -> tuple[str, bool]:
+    """What a line says, and whether it carried a checksum. Raises MalformedFrame for a wrong one."""
+    guarded, star, digits = said.rpartition(b"*")
+    has_checksum = bool(star) and len(digits) == 2 and _all_hex(digits.decode("latin1"))
+    if has_checksum and int(digits, 16) != crc8(guarded):
+        raise MalformedFrame(f"checksum mismatch, {digits.decode('ascii')} where {crc8(guarded):02X} was due")
+    return (guarded if has_checksum else said).decode("latin1").strip(), has_checksum
+
+
+def encode_send(frame: FdFrame) -> bytes:
+    """What a client says to have a frame sent."""
+    return line(f"can send {frame.can_id:04x} {frame.data.hex().upper()} {_flags(frame)}")
+
+
+def decode_send(text: str) -> FdFrame:
+    """The frame that a client wants sent. Raises MalformedFrame for anything else."""
+    words = text.split()
+    if words[:2] != ["can", "send"]:
+        raise MalformedFrame(f"not an order to send a frame: {text[:40]!r}")
+    return _frame(words[2:], text)
+
+
+def encode_received(frame: FdFrame) -> bytes:
+    """What a client is told of a frame from the bus."""
+    return line(f"rcv {frame.can_id:04x} {frame.data.hex().upper()} {_flags(frame)}")
+
+
+def decode_received(text: str) -> FdFrame:
+    """The frame from the bus. Raises MalformedFrame for anything else."""
+    words = text.split()
+    if words[:1] != ["rcv"]:
+        raise MalformedFrame(f"not a frame from the bus: {text[:40]!r}")
+    return _frame(words[1:], text)
+
+
+def _flags(frame: FdFrame) -> str:
+    return f"{'E' if frame.extended else 'e'} {'B' if frame.bitrate_switch else 'b'} F"
+
+
+def _frame(words: list[str], text: str) -> FdFrame:
+    """Where no flag says so, an identifier is extended that needs to be, and bit rates are switched."""
+    flags = "".join(words[2:])
+    if len(words) < 2 or not all(map(_all_hex, words[:2])) or len(words[0]) > 8 or len(words[1]) % 2:
+        raise MalformedFrame(f"frame cannot be read: {text[:40]!r}")
+    can_id = int(words[0], 16)
+    extended = "E" in flags or ("e" not in flags and can_id >= STANDARD_IDS)
+    return FdFrame(can_id, bytes.fromhex(words[1]), extended, "b" not in flags)
+
+
+def _all_hex(text: str) -> bool:
+    return bool(text) and all(letter in "0123456789abcdefABCDEF" for letter in text)

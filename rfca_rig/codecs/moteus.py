@@ -1,0 +1,239 @@
+"""moteus' multiplex frames on CAN-FD, both directions; pure.
+
+Layouts: moteus reference, "CAN Protocol". Little-endian throughout. A frame is a row of subframes, each a type byte, a count (in
+the type's two low bits, or a varuint where these are zero), the first register, and for writes and replies the values; filled up
+with NOP to the next length that CAN-FD has. What a register says comes and goes in its physical unit, see `units_per_count`.
+"""
+
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import isfinite, isnan, nan
+
+from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
+from rfca_rig.codecs.moteus_registers import Width, name_of, units_per_count
+
+FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
+LONGEST = FD_LENGTHS[-1]
+LARGEST_ID = 0x7F
+LARGEST_PREFIX = 0x1FFF
+
+_WRITE, _READ, _REPLY = 0x00, 0x10, 0x20
+_WRITE_ERROR, _READ_ERROR, _NOP = 0x30, 0x31, 0x50
+_FORMS = {width: struct.Struct(form) for width, form in zip(Width, ("<b", "<h", "<i", "<f"), strict=True)}
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """An order: the register takes the value."""
+
+    register: int
+    width: Width
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """A question."""
+
+    register: int
+    width: Width
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """An answer; NaN where the drive has no such value."""
+
+    register: int
+    width: Width
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """The drive could not write (`of_write`) or read a register."""
+
+    register: int
+    code: int
+    of_write: bool
+
+
+Subframe = Write | Read | Reply | Refusal
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """Who speaks to whom. `wants_reply` is a request's; a drive answers from its own id to the asker's."""
+
+    source: int
+    destination: int
+    wants_reply: bool = False
+    prefix: int = 0
+
+
+def arbitration_id(route: Route) -> int:
+    """To be sent as an extended id where it is beyond 0x7ff. Raises NotEncodable for ids that do not exist."""
+    for what, value, limit in (("source", route.source, LARGEST_ID), ("destination", route.destination, LARGEST_ID)):
+        if not 0 <= value <= limit:
+            raise NotEncodable(f"moteus {what} id {value} does not exist; ids go from 0 to {limit}")
+    if not 0 <= route.prefix <= LARGEST_PREFIX:
+        raise NotEncodable(f"moteus CAN prefix {route.prefix} does not exist; prefixes go from 0 to {LARGEST_PREFIX}")
+    return route.prefix << 16 | route.wants_reply << 15 | route.source << 8 | route.destination
+
+
+def route_of(identifier: int) -> Route:
+    """What an arbitration id of up to 29 bits says. The destination's highest bit is not an id's, and is taken as one more number."""
+    return Route(identifier >> 8 & 0x7F, identifier & 0xFF, bool(identifier & 0x8000), identifier >> 16)
+
+
+def encode(subframes: Sequence[Subframe]) -> bytes:
+    """A frame's data. Neighbouring registers of one kind and width share a head. Raises NotEncodable where they do not fit."""
+    data = b"".join(_run(run) for run in _runs(subframes))
+    if len(data) > LONGEST:
+        raise NotEncodable(f"moteus frame of {len(data)} bytes; CAN-FD carries {LONGEST}, ask for fewer registers at once")
+    length = next(length for length in FD_LENGTHS if length >= len(data))
+    return data.ljust(length, bytes([_NOP]))
+
+
+def _runs(subframes: Sequence[Subframe]) -> Iterator[Sequence[Subframe]]:
+    cuts = [0, *(at for at, (one, next_one) in enumerate(pairwise(subframes), 1) if not _joined(one, next_one)), len(subframes)]
+    return (subframes[first:last] for first, last in pairwise(cuts) if last > first)
+
+
+def _joined(one: Subframe, next_one: Subframe) -> bool:
+    if isinstance(one, Refusal) or isinstance(next_one, Refusal):
+        return False
+    return type(one) is type(next_one) and one.width == next_one.width and next_one.register == one.register + 1
+
+
+def _run(run: Sequence[Subframe]) -> bytes:
+    first = run[0]
+    if isinstance(first, Refusal):
+        return bytes([_WRITE_ERROR if first.of_write else _READ_ERROR]) + _varuint(first.register) + _varuint(first.code)
+    base = {Write: _WRITE, Read: _READ, Reply: _REPLY}[type(first)] | first.width << 2
+    head = bytes([base | len(run)]) if len(run) <= 3 else bytes([base]) + _varuint(len(run))
+    values = (_packed(item.register, item.width, item.value) for item in run if not isinstance(item, Read | Refusal))
+    return head + _varuint(first.register) + b"".join(values)
+
+
+def _packed(register: int, width: Width, value: float) -> bytes:
+    try:
+        return _FORMS[width].pack(value if width == Width.FLOAT else _count(register, width, value))
+    except (struct.error, OverflowError) as error:
+        raise NotEncodable(f"moteus {name_of(register)} cannot carry {value:g} as {width.name}: {error}") from error
+
+
+def _count(register: int, width: Width, value: float) -> int:
+    """The lowest count means NaN, so that a quantity has one count less downwards."""
+    unit, lowest = units_per_count(register, width), -(1 << (8 << width) - 1)
+    if unit is None:
+        if not (isfinite(value) and value == int(value)):
+            raise NotEncodable(f"moteus {name_of(register)} holds whole numbers, not {value:g}")
+        return int(value)
+    if isnan(value):
+        return lowest
+    count = round(value / unit) if isfinite(value) else lowest
+    if not -lowest > count > lowest:
+        limit = -(lowest + 1) * unit
+        raise NotEncodable(f"moteus {name_of(register)} cannot carry {value:g} as {width.name}, limit {limit:g}; use a wider register")
+    return count
+
+
+def nearest(register: int, width: Width, value: float) -> float:
+    """The value that the register can carry, as the firmware cuts it: NaN for what is not finite, and no further than its ends."""
+    unit = units_per_count(register, width)
+    if width == Width.FLOAT or (unit is not None and not isfinite(value)):
+        return value if width == Width.FLOAT else nan
+    highest = (1 << (8 << width) - 1) - 1
+    limit = highest * (unit or 1.0)
+    return min(max(value, -limit), limit)
+
+
+def _varuint(value: int) -> bytes:
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    return bytes([*out, value])
+
+
+def decode(data: bytes | bytearray) -> list[Subframe]:
+    """The subframes in one frame, without the padding. Raises MalformedFrame for anything else than the reference describes."""
+    if len(data) not in FD_LENGTHS:
+        raise MalformedFrame(f"moteus frame of {len(data)} bytes, which CAN-FD does not have")
+    reader = _Reader(bytes(data))
+    subframes: list[Subframe] = []
+    while reader.left:
+        subframes += _subframes(reader)
+    return subframes
+
+
+def _subframes(reader: "_Reader") -> list[Subframe]:
+    kind = reader.byte()
+    if kind == _NOP:
+        return []
+    if kind in {_WRITE_ERROR, _READ_ERROR}:
+        return [Refusal(reader.varuint(), reader.varuint(), kind == _WRITE_ERROR)]
+    base, width = kind & 0xF0, Width(kind >> 2 & 3)
+    if base not in {_WRITE, _READ, _REPLY}:
+        raise MalformedFrame(f"moteus subframe 0x{kind:02x} is neither write, read, reply, error nor NOP")
+    return _registers(reader, base, width, kind & 3 or reader.varuint())
+
+
+def _registers(reader: "_Reader", base: int, width: Width, count: int) -> list[Subframe]:
+    first = reader.varuint() if count else 0
+    if count > LONGEST:
+        raise MalformedFrame(f"moteus subframe speaks of {count} registers; no frame can carry them")
+    if base == _READ:
+        return [Read(register, width) for register in range(first, first + count)]
+    kind = Write if base == _WRITE else Reply
+    return [kind(register, width, _value(register, width, reader.number(width))) for register in range(first, first + count)]
+
+
+def _value(register: int, width: Width, number: float) -> float:
+    unit = units_per_count(register, width)
+    if unit is None:
+        return number
+    return nan if number == -(1 << (8 << width) - 1) else number * unit
+
+
+class _Reader:
+    """Takes numbers off the front of a frame; MalformedFrame where it ends too early."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    @property
+    def left(self) -> int:
+        return len(self._data) - self._at
+
+    def byte(self) -> int:
+        self._need(1)
+        self._at += 1
+        return self._data[self._at - 1]
+
+    def varuint(self) -> int:
+        value = 0
+        for shift in range(0, 35, 7):
+            byte = self.byte()
+            value |= (byte & 0x7F) << shift
+            if byte < 0x80:
+                break
+        else:
+            raise MalformedFrame("moteus varuint of more than five bytes")
+        if value > 0xFFFFFFFF:
+            raise MalformedFrame("moteus varuint beyond 32 bits")
+        return value
+
+    def number(self, width: Width) -> float:
+        form = _FORMS[width]
+        self._need(form.size)
+        self._at += form.size
+        value: float = form.unpack_from(self._data, self._at - form.size)[0]
+        return value
+
+    def _need(self, size: int) -> None:
+        if self.left < size:
+            raise MalformedFrame(f"moteus frame ends {size - self.left} bytes too early: {self._data.hex(' ')}")

@@ -1,0 +1,121 @@
+"""[motor] in a rig file: one section per kind of drive, told apart by `device`."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from rfca_rig.codecs.cubemars_ranges import MIT_RANGES
+from rfca_rig.description.sections import Positive, Section
+
+LOOP_RATE_HZ = 500.0  # of commands while a stroke runs: what a drive that only answers reports at
+
+
+class MotorSection(Section):
+    """What every drive on CAN has: the bus, and which way it turns the shaft."""
+
+    direction: Literal[1, -1]
+    interface: str = "socketcan"
+    channel: str = "can0"
+    bitrate: Annotated[int, Field(gt=0)] = 1_000_000
+
+    @property
+    def reports_Hz(self) -> float:
+        """How often the drive reports the shaft."""
+        return LOOP_RATE_HZ
+
+    @property
+    def fd_bitrate(self) -> int | None:
+        """Bits/s of the data phase where the drive speaks CAN-FD."""
+        return None
+
+
+class OdriveSection(MotorSection):
+    """An ODrive. `zero_turns` is the encoder's reading, in motor turns, with the leg horizontal.
+
+    `dialect` is that of its firmware; 0.5 reports current instead of torque, so it needs motor.config.torque_constant.
+    """
+
+    device: Literal["odrive"]
+    node_id: Annotated[int, Field(ge=0, le=63)]
+    gear_ratio: Positive
+    zero_turns: float
+    encoder_period_ms: Positive
+    dialect: Literal["0.5", "0.6"] = "0.6"
+    torque_constant_Nm_per_A: Positive | None = None
+
+    @model_validator(mode="after")
+    def _torque_can_be_told(self) -> "OdriveSection":
+        if self.dialect == "0.5" and self.torque_constant_Nm_per_A is None:
+            raise ValueError('dialect "0.5" needs torque_constant_Nm_per_A, as in the drive\'s motor.config.torque_constant')
+        return self
+
+    @property
+    def reports_Hz(self) -> float:
+        return 1e3 / self.encoder_period_ms
+
+
+class CubemarsMitSection(MotorSection):
+    """A CubeMars / T-Motor AK drive in MIT mode. `model` decides the scale of every value; `zero_rad` is read with the leg horizontal.
+
+    The drive's position goes 12.5 rad either way and begins anew when it wraps: it must be switched on with the leg less than two
+    turns from where its zero was set. `speed_gain_Nm_s_per_rad` (kd) is sent to the drive, `angle_gain_per_s` is the driver's.
+    """
+
+    device: Literal["cubemars-mit"]
+    drive_id: Annotated[int, Field(ge=1, le=126)]
+    model: str
+    zero_rad: float
+    speed_gain_Nm_s_per_rad: Annotated[float, Field(gt=0, le=5)] = 5.0
+    angle_gain_per_s: Positive = 20.0
+
+    @field_validator("model")
+    @classmethod
+    def _known_model(cls, model: str) -> str:
+        if model not in MIT_RANGES:
+            raise ValueError(f"should be one of {', '.join(MIT_RANGES)}")
+        return model
+
+
+class CubemarsServoSection(MotorSection):
+    """A CubeMars / T-Motor AK drive in servo mode. `zero_deg` is what it reports with the leg horizontal.
+
+    Pole pairs and gear ratio stand in CubeMarsTool, the torque constant (of the motor, before the gear) in the data sheet; without
+    them its speeds and currents mean nothing.
+    """
+
+    device: Literal["cubemars-servo"]
+    drive_id: Annotated[int, Field(ge=0, le=255)]
+    gear_ratio: Positive
+    pole_pairs: Annotated[int, Field(gt=0)]
+    torque_constant_Nm_per_A: Positive
+    zero_deg: float
+    status_period_ms: Positive
+
+    @property
+    def reports_Hz(self) -> float:
+        return 1e3 / self.status_period_ms
+
+
+class MoteusSection(MotorSection):
+    """A moteus on CAN-FD. `zero_turns` is its position, in turns of its output, with the leg horizontal.
+
+    A gear that its motor_position.rotor_to_output_ratio counts is in its output already; `gear_ratio` is what comes after that.
+    `watchdog_ms` goes out with every command: so long does the drive go on without the next.
+    """
+
+    device: Literal["moteus"]
+    drive_id: Annotated[int, Field(ge=1, le=127)]
+    gear_ratio: Positive = 1.0
+    zero_turns: float
+    watchdog_ms: Positive = 100.0
+    torque_limit_Nm: Positive | None = None
+    can_prefix: Annotated[int, Field(ge=0, le=0x1FFF)] = 0
+    data_bitrate: Annotated[int, Field(gt=0)] = 5_000_000
+    bitrate_switch: bool = True
+
+    @property
+    def fd_bitrate(self) -> int | None:
+        return self.data_bitrate
+
+
+Motor = Annotated[OdriveSection | CubemarsMitSection | CubemarsServoSection | MoteusSection, Field(discriminator="device")]

@@ -1,0 +1,114 @@
+"""What an AK drive in servo mode says: its periodic status, taken in, kept apart from others, and stamped."""
+
+import can
+import numpy as np
+
+from rfca_rig.clock import Clock
+from rfca_rig.codecs import cubemars_servo
+from rfca_rig.codecs.cubemars_servo import MOST_ERPM, STATUS_DEG, Packet, Status
+from rfca_rig.drivers.can_frames import arrived
+from rfca_rig.drivers.cubemars_settings import ServoSettings
+from rfca_rig.drivers.frame_count import FrameCount
+from rfca_rig.drivers.roles import ShaftSamples
+from rfca_rig.drivers.speed_check import SpeedCheck
+from rfca_rig.drivers.wrapped_position import WrappedPosition
+
+ENDS = frozenset({-32768, -32000, 32000, 32767})  # of the field, and of what the manual says it is held to
+LEAP_RAD = 0.3
+
+
+class ServoReports:
+    """Listens for one drive. `status` is its last frame, heard at host time `heard_s`; angle (continuous), speed and torque the shaft's."""
+
+    def __init__(self, bus: can.BusABC, clock: Clock, settings: ServoSettings) -> None:
+        self._bus = bus
+        self._clock = clock
+        self._settings = settings
+        self._count = FrameCount(settings.status_period_s)
+        rad_per_count = abs(settings.angle_rad(1) - settings.angle_rad(0))
+        fastest_rad_s = MOST_ERPM / abs(settings.erpm_s_per_rad)
+        self._position = WrappedPosition(ENDS, fastest_rad_s / rad_per_count, LEAP_RAD / rad_per_count)
+        self._speed = SpeedCheck("gear_ratio and pole_pairs")
+        self._rows: list[tuple[float, ...]] = []
+        self.status: Status | None = None
+        self.drained_s = self.heard_s = clock.now_s()
+        self.position_deg = self.angle_rad = self.speed_rad_s = self.torque_Nm = np.nan
+        self.recount()
+
+    def recount(self) -> None:
+        """What `missing` speaks of begins now; faults of the motion are forgiven."""
+        self._position.forgive()
+        self._speed.forgive()
+        self._foreign: set[int] = set()
+        self._standard = False
+        self.heard = 0
+
+    def drain(self) -> None:
+        """Takes in everything the bus holds; never waits. Raises DeviceError on a failing bus or a frame that cannot be read."""
+        self.drained_s = self._clock.now_s()
+        reports: list[Status] = []
+        try:
+            for message in arrived(self._bus):
+                self._take(message, reports)
+        finally:
+            for report, device_s in zip(reports, self._count.stamp(len(reports), self.drained_s).tolist(), strict=True):
+                self._follow(report, device_s)
+
+    def _take(self, message: can.Message, reports: list[Status]) -> None:
+        if not message.is_extended_id:
+            self._standard = True
+        elif message.arbitration_id >> 8 == Packet.STATUS:
+            drive = cubemars_servo.drive_of(message.arbitration_id)
+            report = cubemars_servo.decode(message.arbitration_id, message.data) if drive == self._settings.drive_id else None
+            if isinstance(report, Status):
+                reports.append(report)
+            else:
+                self._foreign.add(drive)
+
+    def _follow(self, report: Status, device_s: float) -> None:
+        settings = self._settings
+        self.status, self.heard_s = report, self.drained_s
+        self.heard += 1
+        self.speed_rad_s = report.speed_erpm / settings.erpm_s_per_rad
+        count = self._position.follow(report.position_count, device_s, self.speed_rad_s)
+        self.position_deg = STATUS_DEG * count
+        self.angle_rad = settings.angle_rad(count)
+        self.torque_Nm = report.current_A * settings.shaft_torque_per_A
+        self._speed.follow(device_s, self.angle_rad, self.speed_rad_s)
+        self._rows.append((self.drained_s, device_s, self.angle_rad, self.speed_rad_s, self.torque_Nm))
+
+    def samples(self) -> ShaftSamples:
+        """Everything drained since the last call."""
+        rows, self._rows = np.array(self._rows, np.float64).reshape(-1, 5), []
+        return ShaftSamples(*rows.T.copy())
+
+    @property
+    def lost_frames(self) -> int:
+        return self._count.lost
+
+    @property
+    def silent_s(self) -> float:
+        """Since the last status frame, as of the last `drain`."""
+        return self.drained_s - self.heard_s
+
+    @property
+    def motion_fault(self) -> str | None:
+        """What is wrong with the reported motion, since `recount`."""
+        return self._position.fault or self._speed.fault
+
+    def missing(self) -> str | None:
+        """Why there is no status since `recount`, and what to do about it; None where there is one."""
+        drive = self._settings.drive_id
+        if self.heard:
+            return None
+        if self._foreign:
+            others = ", ".join(map(str, sorted(self._foreign)))
+            return f"status frames of drive {others} but none of drive {drive}; check drive_id"
+        if self._standard:
+            return (
+                f"no status frame of drive {drive}, but frames of MIT mode or of others; check that it is set to servo mode (CubeMarsTool)"
+            )
+        return (
+            "no frames at all on the CAN bus; check the drive's power, the wiring, the bit rate (1 Mbit/s), "
+            "and that it uploads its status over CAN (CubeMarsTool)"
+        )

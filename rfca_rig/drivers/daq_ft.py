@@ -1,0 +1,199 @@
+"""An ATI DAQ F/T as the force sensor: gage voltages from a sampling card, forces by the transducer's calibration."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.clock import Clock
+from rfca_rig.codecs.ati_calibration import GAGES, Calibration
+from rfca_rig.codecs.gage_block import GageBlock
+from rfca_rig.codecs.netbox_status import SATURATED
+from rfca_rig.drivers.gage_voltages import GageVoltages
+from rfca_rig.drivers.record_sequence import RecordSequence
+from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
+from rfca_rig.drivers.sensor_health import FrozenCount, StatusCount
+from rfca_rig.errors import BadInput, DeviceError
+
+Floats = NDArray[np.float64]
+
+COUNTS_PER_UNIT = 1e6  # per N and N m: a thousandth of what a 16 bit card tells apart, so the voltages can be had back
+LARGEST_COUNT = 2**31 - 1
+RATE_TOLERANCE = 1e-2
+RAIL_SLACK = 2.0**-15  # of the span: one code of a 16 bit converter at each rail
+BIAS_S = 0.2
+BIAS_TIMEOUT_S = 2.0
+
+
+@dataclass(frozen=True)
+class DaqFtSettings:
+    """Samples per second, and the voltages that the unloaded transducer showed, the thermistor's last where there is one.
+
+    Raises BadInput for a rate that is not above 0.
+    """
+
+    rate_Hz: float
+    unloaded_V: tuple[float, ...] = (0.0,) * GAGES
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.rate_Hz < float("inf"):
+            raise BadInput(f"force sensor: rate_Hz is {self.rate_Hz}, must be above 0")
+
+
+class DaqFtSensor:
+    """A `ForceSensor` over gage voltages. Time is the card's sample counter; blocks are read, never single samples.
+
+    Raises BadInput where the settings do not fit the calibration.
+    """
+
+    def __init__(self, gages: GageVoltages, clock: Clock, calibration: Calibration, settings: DaqFtSettings) -> None:
+        if len(settings.unloaded_V) != calibration.channels:
+            raise BadInput(
+                f"force sensor: unloaded_V holds {len(settings.unloaded_V)} voltages, the calibration needs {calibration.channels}"
+            )
+        self._gages = gages
+        self._clock = clock
+        self._calibration = calibration
+        self._settings = settings
+        self._unloaded_V = np.array(settings.unloaded_V)
+        self._rate_Hz = settings.rate_Hz
+        self._running = False
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._sequence = RecordSequence(first=1)
+        self._status, self._frozen = StatusCount(), FrozenCount()
+        self._malformed = 0
+        self._heard_s = self._read_s = self._clock.now_s()
+
+    def start(self) -> None:
+        """Starts the card. Raises DeviceError where its clock gives another rate, which would stretch the time base."""
+        self._gages.stop()
+        self._begin_anew()
+        self._rate_Hz = self._gages.start()
+        if abs(self._rate_Hz / self._settings.rate_Hz - 1.0) > RATE_TOLERANCE:
+            self._gages.stop()
+            raise DeviceError(
+                f"force sensor: rate_Hz is {self._settings.rate_Hz:g}, the card's clock gives {self._rate_Hz:.6g}; set that one"
+            )
+        self._running = True
+
+    def stop(self) -> None:
+        self._running = False
+        self._gages.stop()
+
+    def bias(self) -> None:
+        """Takes the mean voltages of the next 0.2 s for those without load; to be called with nothing on the sensor.
+
+        Raises DeviceError where none come. Starts a running stream anew.
+        """
+        was_running = self._running
+        self.start()
+        self._unloaded_V = self._mean_volts()
+        self.stop()
+        if was_running:
+            self.start()
+
+    def _mean_volts(self) -> Floats:
+        blocks: list[GageBlock] = []
+        deadline_s = self._clock.now_s() + BIAS_TIMEOUT_S
+        while sum(len(block.volts) for block in blocks) < BIAS_S * self._rate_Hz:
+            if self._clock.now_s() > deadline_s:
+                self.stop()
+                raise DeviceError(f"the card gave too few samples for a bias within {BIAS_TIMEOUT_S:g} s; check its sample clock")
+            self._clock.wait_until(self._clock.now_s() + 0.1 * BIAS_S)
+            blocks += self._whole(self._gages.read())
+        mean: Floats = np.concatenate([block.volts for block in blocks]).mean(axis=0)
+        return mean
+
+    def read(self) -> ForceSamples:
+        """Records since the last call, ascending, each once. Raises DeviceError where the card gave up."""
+        self._read_s = self._clock.now_s()
+        if not self._running:
+            return self._samples(np.empty((0, self._calibration.channels)), np.empty(0, np.int64))
+        blocks = self._whole(self._gages.read())
+        if not blocks:
+            return self._samples(np.empty((0, self._calibration.channels)), np.empty(0, np.int64))
+        counters = [np.arange(block.first + 1, block.first + 1 + len(block.volts)) for block in blocks]
+        picked, numbers = self._sequence.take((np.concatenate(counters) & 0xFFFFFFFF).astype(np.uint32))
+        return self._samples(np.concatenate([block.volts for block in blocks])[picked], numbers)
+
+    def _whole(self, blocks: list[GageBlock]) -> list[GageBlock]:
+        """Those with a voltage for every channel, all of them numbers."""
+        channels = self._calibration.channels
+        whole = [block for block in blocks if block.volts.ndim == 2 and block.volts.shape[1] == channels and np.isfinite(block.volts).all()]
+        self._malformed += len(blocks) - len(whole)
+        return [block for block in whole if len(block.volts)]
+
+    def _samples(self, volts: Floats, numbers: NDArray[np.int64]) -> ForceSamples:
+        status = np.where(self._at_a_rail(volts), np.uint32(SATURATED), np.uint32(0)).astype(np.uint32)
+        if len(numbers):
+            self._heard_s = self._read_s
+            self._status.take(status)
+            self._frozen.take(volts)
+        counts = np.rint(self._calibration.wrench(volts, self._unloaded_V) * COUNTS_PER_UNIT)
+        return ForceSamples(
+            host_s=np.full(len(numbers), self._read_s),
+            device_s=(numbers - 1) / self._rate_Hz,
+            sequence=numbers,
+            status=status,
+            counts=np.clip(counts, -LARGEST_COUNT, LARGEST_COUNT).astype(np.int32),
+        )
+
+    def _at_a_rail(self, volts: Floats) -> NDArray[np.bool_]:
+        lowest_V, highest_V = self._calibration.rails_V
+        slack_V = RAIL_SLACK * (highest_V - lowest_V)
+        gages = volts[:, :GAGES]
+        outside = (gages <= lowest_V + slack_V) | (gages >= highest_V - slack_V)
+        return np.asarray(outside.any(axis=1))
+
+    def silent_s(self) -> float:
+        """Time from the `read` that last brought a record, or from the start, to the last `read`."""
+        return self._read_s - self._heard_s
+
+    def scale(self) -> SensorScale:
+        return SensorScale(COUNTS_PER_UNIT, COUNTS_PER_UNIT, self._settings.rate_Hz)
+
+    def health(self) -> StreamHealth:
+        """Counters since `start`."""
+        count = self._sequence
+        return StreamHealth(
+            received=count.received,
+            lost=count.lost,
+            duplicate=count.duplicate,
+            out_of_order=count.out_of_order,
+            malformed=self._malformed,
+            faulty_status=self._status.faulty,
+            stalled=self._frozen.frozen,
+            saturated=self._status.saturated,
+            notes=self._notes(),
+        )
+
+    def _notes(self) -> list[str]:
+        notes = []
+        if self._running and self.silent_s() > 0.1:
+            notes.append(f"no sample for {self.silent_s():.2f} s: check the card and its sample clock")
+        if self._frozen.frozen:
+            notes.append(f"all gage voltages stood still over {self._frozen.frozen} samples: is the transducer connected?")
+        if self._status.saturated:
+            notes.append(f"a gage voltage at the rail in {self._status.saturated} samples: overload, or a broken wire")
+        if self._sequence.lost:
+            notes.append("the card's store ran over: this computer was too busy to empty it")
+        if self._malformed:
+            notes.append(f"{self._malformed} blocks thrown away: not {self._calibration.channels} voltages a sample")
+        return notes
+
+    def identity(self) -> dict[str, str]:
+        """The matrix and the unloaded voltages are among it: with them the voltages can be had back from a recording."""
+        calibration = self._calibration
+        return {
+            "make": f"ATI DAQ F/T {calibration.body_style} {calibration.part_number}".replace("  ", " "),
+            "serial_number": calibration.serial_number,
+            "calibration_date": calibration.date,
+            "matrix_SI_per_V": repr(calibration.matrix.tolist()),
+            "unloaded_V": repr(self._unloaded_V.tolist()),
+            "counts_per_N": repr(COUNTS_PER_UNIT),
+            "counts_per_Nm": repr(COUNTS_PER_UNIT),
+            "rate_Hz": f"{self._rate_Hz:.9g}",
+            **self._gages.identity(),
+        }

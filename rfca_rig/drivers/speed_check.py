@@ -1,0 +1,53 @@
+"""Does a drive's speed belong to its angle? Where not, a scale in the settings is wrong, silently otherwise."""
+
+WINDOW_S = 0.2
+LONGEST_GAP_S = 0.02
+LEAST_RAD = 0.1  # turned in a window; slower, the steps of the speed field count for too much
+MOST_APART = 0.25
+WINDOWS = 3
+
+
+class SpeedCheck:
+    """Holds the integral of the reported speed against the change of the reported angle, window by window.
+
+    `fault` says by what factor they differ, once three windows in a row with motion in them differ by more than a quarter;
+    `scales` names the settings to look at.
+    """
+
+    def __init__(self, scales: str) -> None:
+        self._scales = scales
+        self.fault: str | None = None
+        self.forgive()
+
+    def forgive(self) -> None:
+        """Begins anew."""
+        self.fault = None
+        self._last: tuple[float, float, float] | None = None
+        self._apart = 0
+        self._open()
+
+    def _open(self) -> None:
+        self._elapsed_s = self._turned_rad = self._integral_rad = 0.0
+
+    def follow(self, t_s: float, angle_rad: float, speed_rad_s: float) -> None:
+        """One report more, later than the one before."""
+        before, self._last = self._last, (t_s, angle_rad, speed_rad_s)
+        if before is None or t_s - before[0] > LONGEST_GAP_S:
+            self._open()
+            return
+        elapsed_s = t_s - before[0]
+        self._elapsed_s += elapsed_s
+        self._turned_rad += angle_rad - before[1]
+        self._integral_rad += 0.5 * (speed_rad_s + before[2]) * elapsed_s
+        if self._elapsed_s >= WINDOW_S:
+            self._judge()
+            self._open()
+
+    def _judge(self) -> None:
+        most_rad = max(abs(self._turned_rad), abs(self._integral_rad))
+        if most_rad < LEAST_RAD:
+            return
+        self._apart = self._apart + 1 if abs(self._turned_rad - self._integral_rad) > MOST_APART * most_rad else 0
+        if self._apart >= WINDOWS:
+            factor = self._integral_rad / self._turned_rad if self._turned_rad else float("inf")
+            self.fault = f"the speed that the drive reports is {factor:.2g} times that of its angle; check {self._scales}"

@@ -1,0 +1,88 @@
+"""What can go wrong on purpose: each fault by its name, switched while the server runs."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from rfca_rig.errors import BadInput
+
+
+@dataclass(frozen=True)
+class Fault:
+    """`once` faults happen at the moment they are switched on; the others last until they are switched off."""
+
+    name: str
+    meaning: str
+    once: bool = False
+
+
+FORCE_FAULTS = (
+    Fault("force-lost", "every tenth datagram is lost"),
+    Fault("force-twice", "every tenth datagram comes twice"),
+    Fault("force-swapped", "every tenth datagram is overtaken by the next"),
+    Fault("force-short", "every tenth datagram lacks its last 9 bytes"),
+    Fault("force-long", "every tenth datagram has one byte too many"),
+    Fault("force-silent", "no datagram leaves the box"),
+    Fault("force-frozen", "records keep coming, but the sensor's own sample counter and values stand still"),
+    Fault("force-saturated", "every record carries status 0x80020000"),
+    Fault("force-scale", "twice the counts per newton and newton metre, as after a change on the box's web page, which says so"),
+    Fault("http-busy", "the box's web server turns every request away"),
+    Fault("bias-stops-stream", "a bias request ends the stream"),
+    Fault("box-restart", "the stream ends and the sensor's sample counter begins at 0", once=True),
+    Fault("stream-stolen", "another client took the stream, until it is started again", once=True),
+)
+CAN_FAULTS = (
+    Fault("can-silent", "the drive hears but says nothing"),
+    Fault("bus-off", "the drive neither hears nor says anything"),
+    Fault("can-short", "every frame of the drive lacks its last byte"),
+    Fault("own-frame-echo", "what is sent to the drive comes back to the sender"),
+)
+ODRIVE_FAULTS = (
+    Fault("heartbeat-silent", "encoder reports go on without heartbeats"),
+    Fault("encoder-jump", "the encoder reads one motor turn more"),
+    Fault("watchdog-trip", "the drive says its watchdog expired, and goes idle", once=True),
+    Fault("over-temperature", "the drive says its motor is too hot, and goes idle", once=True),
+    Fault("idle-unasked", "the drive goes idle without any error", once=True),
+)
+
+
+class FaultPanel:
+    """Which faults are on."""
+
+    def __init__(self, catalogue: Iterable[Fault]) -> None:
+        self._known = {fault.name: fault for fault in catalogue}
+        self._on: set[str] = set()
+
+    def switch_on(self, name: str) -> None:
+        """Raises BadInput for a name that is not in the catalogue."""
+        self._on.add(self._checked(name))
+
+    def switch_off(self, name: str) -> None:
+        """Raises BadInput for a name that is not in the catalogue."""
+        self._on.discard(self._checked(name))
+
+    def switch_all_off(self) -> None:
+        self._on.clear()
+
+    def is_on(self, name: str) -> bool:
+        return name in self._on
+
+    def any_on(self) -> bool:
+        return bool(self._on)
+
+    def take(self, name: str) -> bool:
+        """Whether a fault that happens once is wanted; it is not wanted any more afterwards."""
+        wanted = name in self._on
+        self._on.discard(name)
+        return wanted
+
+    def lines(self) -> list[str]:
+        """Every fault with its state and meaning."""
+        return [
+            f"{fault.name:<18} {'once' if fault.once else 'on  ' if self.is_on(fault.name) else 'off '} {fault.meaning}"
+            for fault in self._known.values()
+        ]
+
+    def _checked(self, name: str) -> str:
+        if name not in self._known:
+            raise BadInput(f"no fault is called {name!r}; there are {', '.join(self._known)}")
+        return name

@@ -1,0 +1,85 @@
+"""CAN-FD behind a fdcanusb, or the UART of a moteus, on a pseudo terminal; one client."""
+
+import can
+
+from rfca_rig.codecs import fdcanusb
+from rfca_rig.codecs.fdcanusb import FdFrame
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.twin_server.pseudo_terminal import PseudoTerminal
+from rfca_rig.twin_server.shared_wire import SharedWire
+
+MOST_WAITING = 1 << 18
+
+
+class FdcanusbPort:
+    """Answers `can on`, `can off` and `can send`, and tells every frame of the bus; refuses everything else.
+
+    Every line that goes out carries a checksum; once one that came in did, all must, as a moteus has it on its UART.
+    """
+
+    def __init__(self, wire: SharedWire) -> None:
+        self._wire = wire
+        self._end = wire.join()
+        self._terminal = PseudoTerminal()
+        self._rest = b""
+        self._waiting = bytearray()
+        self._checksums_asked = False
+
+    def address(self) -> str:
+        return f"fdcanusb {self.path}"
+
+    @property
+    def path(self) -> str:
+        return self._terminal.path
+
+    def poll(self, now_s: float) -> None:  # noqa: ARG002 (a serial adapter has no clock)
+        self._listen()
+        self._tell()
+        del self._waiting[: self._terminal.write(bytes(self._waiting)) if self._waiting else 0]
+
+    def _listen(self) -> None:
+        try:
+            lines, self._rest = fdcanusb.split(self._rest + self._terminal.read())
+        except MalformedFrame as error:
+            lines, self._rest = [], b""
+            self._waiting += fdcanusb.line(f"ERR {error}")
+        for said in lines:
+            self._waiting += fdcanusb.line(self._answer(said))
+
+    def _answer(self, said: bytes) -> str:
+        try:
+            text, has_checksum = fdcanusb.checked(said)
+            if self._checksums_asked and not has_checksum:
+                return "ERR checksum required"
+            self._checksums_asked |= has_checksum
+            if text in {"can on", "can off"}:
+                return "OK"
+            frame = fdcanusb.decode_send(text)
+        except MalformedFrame as error:
+            return f"ERR {error}"
+        self._end.send(_message_of(frame))
+        return "OK"
+
+    def _tell(self) -> None:
+        """An adapter with nobody reading drops frames; so does this one."""
+        while (message := self._end.recv(timeout=0)) is not None:
+            if message.is_fd and not message.is_error_frame and len(self._waiting) < MOST_WAITING:
+                self._waiting += fdcanusb.encode_received(_frame_of(message))
+
+    def close(self) -> None:
+        self._wire.leave(self._end)
+        self._terminal.close()
+
+
+def _message_of(frame: FdFrame) -> can.Message:
+    return can.Message(
+        arbitration_id=frame.can_id,
+        data=frame.data,
+        is_extended_id=frame.extended,
+        is_fd=True,
+        bitrate_switch=frame.bitrate_switch,
+    )
+
+
+def _frame_of(message: can.Message) -> FdFrame:
+    return FdFrame(message.arbitration_id, bytes(message.data), message.is_extended_id, message.bitrate_switch)

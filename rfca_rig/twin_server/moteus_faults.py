@@ -1,0 +1,48 @@
+"""What the faults of a moteus look like on its wire, and inside it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import can
+
+from rfca_rig.codecs import moteus
+from rfca_rig.codecs.moteus import Reply, Subframe
+from rfca_rig.codecs.moteus_registers import Register
+from rfca_rig.twin_server.faults import Fault
+from rfca_rig.twin_server.tampered_bus import with_data
+from rfca_rig.twins.moteus import MoteusTwin
+
+JUMP_TURNS = 1.0
+OVER_TEMPERATURE = 38
+MOTEUS_FAULTS = (
+    Fault("encoder-jump", "the drive's position reads one turn more"),
+    Fault("watchdog-trip", "the drive times out, though commands reach it", once=True),
+    Fault("over-temperature", "the drive stops with fault 38, over temperature", once=True),
+    Fault("drive-restart", "the drive starts anew: stopped, its millisecond counter from zero", once=True),
+)
+
+
+class MoteusDialect:
+    """The frames of a moteus, as the faults on the wire see them."""
+
+    def is_heartbeat(self, message: can.Message) -> bool:  # noqa: ARG002 (a moteus has none)
+        return False
+
+    def jumped(self, message: can.Message) -> can.Message:
+        """Answers with the position a turn further on."""
+        return with_data(message, moteus.encode([_jumped(item) for item in moteus.decode(message.data)]))
+
+
+def _jumped(item: Subframe) -> Subframe:
+    if not isinstance(item, Reply) or item.register != Register.POSITION:
+        return item
+    return replace(item, value=moteus.nearest(item.register, item.width, item.value + JUMP_TURNS))
+
+
+def moteus_events(motor: MoteusTwin) -> Mapping[str, Callable[[], None]]:
+    """What happens once inside the drive, by the name of the fault."""
+    return {
+        "watchdog-trip": motor.time_out,
+        "over-temperature": lambda: motor.fail(OVER_TEMPERATURE),
+        "drive-restart": motor.restart,
+    }

@@ -1,0 +1,38 @@
+"""What the faults of an ODrive look like on its wire, and inside it."""
+
+from collections.abc import Callable, Mapping
+
+import can
+
+from rfca_rig.codecs import cansimple, odrive_meanings, odrive_older_meanings
+from rfca_rig.codecs.odrive_messages import Command, Dialect, EncoderEstimates
+from rfca_rig.twin_server.tampered_bus import with_data
+from rfca_rig.twins.odrive import WATCHDOG_EXPIRED, OdriveTwin
+
+JUMP_TURNS = 1.0
+OVER_TEMPERATURE = {Dialect.V0_5: odrive_older_meanings.OVER_TEMPERATURE, Dialect.V0_6: odrive_meanings.MOTOR_OVER_TEMPERATURE}
+
+
+class OdriveDialect:
+    """The frames of CANSimple, as the faults on the wire see them."""
+
+    def is_heartbeat(self, message: can.Message) -> bool:
+        return message.arbitration_id & 0x1F == Command.HEARTBEAT
+
+    def jumped(self, message: can.Message) -> can.Message:
+        """Encoder estimates one motor turn further on."""
+        estimates = cansimple.decode(message.arbitration_id, message.data)
+        if not isinstance(estimates, EncoderEstimates):
+            return message
+        node = cansimple.node_of(message.arbitration_id)
+        _, data = cansimple.encoder_estimates(node, estimates.position_turns + JUMP_TURNS, estimates.speed_turns_s)
+        return with_data(message, data)
+
+
+def odrive_events(motor: OdriveTwin) -> Mapping[str, Callable[[], None]]:
+    """What happens once inside the drive, by the name of the fault."""
+    return {
+        "watchdog-trip": lambda: motor.fail(WATCHDOG_EXPIRED[motor.dialect]),
+        "over-temperature": lambda: motor.fail(OVER_TEMPERATURE[motor.dialect]),
+        "idle-unasked": lambda: motor.fail(0),
+    }

@@ -1,0 +1,103 @@
+"""CAN over TCP as socketcand serves it: any number of clients on one wire."""
+
+from dataclasses import dataclass
+
+from rfca_rig.codecs import socketcand
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.twin_server.listening import listening_tcp
+from rfca_rig.twin_server.shared_wire import SharedWire, frame_of, is_classic, message_of
+from rfca_rig.twin_server.tcp_client import TcpClient, accept_all
+from rfca_rig.twins.can_wire import CanEnd
+
+NEVER = float("inf")
+FIRST_FRAME_S = 0.05  # clients expect the answer to `rawmode` alone in what they read next, so frames are held back that long
+
+
+@dataclass
+class _Member:
+    """A client, its end of the wire, and from when on it is told frames; never unless it asked for raw mode."""
+
+    client: TcpClient
+    end: CanEnd
+    told_from_s: float = NEVER
+    is_open: bool = False
+    rest: bytes = b""
+
+
+class SocketcandPort:
+    """Answers `open`, `rawmode`, `bcmmode`, `echo` and `send`; everything else is refused with an `error` message.
+
+    Every bus name is the one wire. Frames are stamped with the time since the epoch, `epoch_s` being that of the clock's zero.
+    """
+
+    def __init__(self, wire: SharedWire, host: str, port: int, epoch_s: float) -> None:
+        self._wire = wire
+        self._epoch_s = epoch_s
+        self._listening = listening_tcp(host, port)
+        self._host, self.port = self._listening.getsockname()
+        self._members: list[_Member] = []
+
+    def address(self) -> str:
+        return f"socketcand {self._host}:{self.port}, any channel name"
+
+    def poll(self, now_s: float) -> None:
+        for client in accept_all(self._listening):
+            client.send(socketcand.GREETING)
+            self._members.append(_Member(client, self._wire.join()))
+        for member in self._members:
+            self._listen_to(member, now_s)
+            self._tell(member, now_s)
+            member.client.flush()
+        self._let_go()
+
+    def _listen_to(self, member: _Member, now_s: float) -> None:
+        received = member.client.receive()
+        if not received:
+            return
+        try:
+            messages, member.rest = socketcand.split(member.rest + received)
+        except MalformedFrame:
+            member.client.open = False
+            return
+        for words in messages:
+            self._obey(member, words, now_s)
+
+    def _obey(self, member: _Member, words: list[str], now_s: float) -> None:
+        command = words[0] if words else ""
+        if command == "send" and member.is_open:
+            self._send(member, words)
+        elif command == "open":
+            member.is_open = True
+            member.client.send(socketcand.OK)
+        elif command in {"rawmode", "bcmmode"} and member.is_open:
+            member.told_from_s = now_s + FIRST_FRAME_S if command == "rawmode" else NEVER
+            member.client.send(socketcand.OK)
+        elif command == "echo":
+            member.client.send(b"< echo >")
+        else:
+            member.client.send(socketcand.error("unknown command" if member.is_open else "open a bus first"))
+
+    def _send(self, member: _Member, words: list[str]) -> None:
+        try:
+            member.end.send(message_of(socketcand.decode_send(words)))
+        except MalformedFrame:
+            member.client.send(socketcand.error("could not parse send command"))
+
+    def _tell(self, member: _Member, now_s: float) -> None:
+        if now_s < member.told_from_s < NEVER:
+            return
+        while (message := member.end.recv(timeout=0)) is not None:
+            if member.told_from_s < NEVER and is_classic(message) and not message.is_remote_frame:
+                member.client.send(socketcand.encode_frame(frame_of(message), self._epoch_s + now_s))
+
+    def _let_go(self) -> None:
+        for member in [member for member in self._members if not member.client.open]:
+            self._members.remove(member)
+            self._wire.leave(member.end)
+            member.client.close()
+
+    def close(self) -> None:
+        for member in self._members:
+            member.client.open = False
+        self._let_go()
+        self._listening.close()

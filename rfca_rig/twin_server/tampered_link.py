@@ -1,0 +1,107 @@
+"""The sensor's link with its faults: sits between the twin and the network."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.codecs.netbox_status import SATURATED
+from rfca_rig.codecs.rdt import RECORD_BYTES, RdtCommand, Records, decode_records, decode_request, encode_records, encode_request
+from rfca_rig.twin_server.faults import FaultPanel
+from rfca_rig.twin_server.udp_link import STARTS
+from rfca_rig.twins.datagram_link import Link
+
+EVERY = 10
+
+
+class TamperedLink:
+    """A link for the twin; what the panel says happens to its datagrams on the way."""
+
+    def __init__(self, link: Link, panel: FaultPanel) -> None:
+        self._link = link
+        self._panel = panel
+        self._sent = 0
+        self._overtaken: bytes | None = None
+        self._stolen = False
+        self._samples_before_restart = 0
+        self._last_sample = 0
+        self._frozen: Records | None = None
+
+    def receive_all(self) -> list[bytes]:
+        """Requests, and those that a fault adds."""
+        requests: list[bytes] = []
+        if self._panel.take("box-restart"):
+            self._samples_before_restart = self._last_sample
+            requests.append(encode_request(RdtCommand.STOP))
+        self._stolen = self._stolen or self._panel.take("stream-stolen")
+        for request in self._link.receive_all():
+            command = _command(request)
+            self._stolen = self._stolen and command not in STARTS
+            requests.append(request)
+            if command == RdtCommand.SET_BIAS and self._panel.is_on("bias-stops-stream"):
+                requests.append(encode_request(RdtCommand.STOP))
+        return requests
+
+    def send(self, datagram: bytes) -> None:
+        self._sent += 1
+        self._last_sample = int.from_bytes(datagram[-RECORD_BYTES:][4:8], "big")
+        if self._stolen or self._panel.is_on("force-silent"):
+            return
+        if not self._panel.any_on() and self._untouched():
+            self._link.send(datagram)
+            return
+        for altered in self._on_the_way(encode_records(self._altered(decode_records(datagram)))):
+            self._link.send(altered)
+
+    def _untouched(self) -> bool:
+        """Whether nothing is left of an earlier fault: neither a restart's other counter nor a datagram held back."""
+        return self._samples_before_restart == 0 and self._overtaken is None
+
+    def _altered(self, records: Records) -> Records:
+        """What the box itself gets wrong."""
+        records = replace(records, ft_sequence=records.ft_sequence - np.uint32(self._samples_before_restart))
+        if self._panel.is_on("force-scale"):
+            records = replace(records, counts=np.clip(2 * records.counts.astype(np.int64), -(2**31) + 1, 2**31 - 1).astype(np.int32))
+        if self._panel.is_on("force-saturated"):
+            records = replace(records, status=np.full_like(records.status, SATURATED))
+        self._frozen = (self._frozen or records) if self._panel.is_on("force-frozen") else None
+        return records if self._frozen is None else _standing_still(records, self._frozen)
+
+    def _on_the_way(self, datagram: bytes) -> list[bytes]:
+        """What the network and the box's network side get wrong, at every tenth datagram."""
+        waiting, self._overtaken = self._overtaken, None
+        if self._sent % EVERY == 0:
+            if self._panel.is_on("force-lost"):
+                datagrams = []
+            elif self._panel.is_on("force-twice"):
+                datagrams = [datagram, datagram]
+            elif self._panel.is_on("force-short"):
+                datagrams = [datagram[: -RECORD_BYTES // 4]]
+            elif self._panel.is_on("force-long"):
+                datagrams = [datagram + b"\0"]
+            elif self._panel.is_on("force-swapped"):
+                self._overtaken, datagrams = datagram, []
+            else:
+                datagrams = [datagram]
+        else:
+            datagrams = [datagram]
+        return datagrams if waiting is None else [*datagrams, waiting]
+
+    def close(self) -> None:
+        self._link.close()
+
+
+def _command(request: bytes) -> int | None:
+    try:
+        return decode_request(request).command
+    except MalformedFrame:
+        return None
+
+
+def _standing_still(records: Records, frozen: Records) -> Records:
+    """The sample of `frozen` over and over; the records' own numbers run on."""
+    return replace(
+        records,
+        ft_sequence=np.full_like(records.ft_sequence, frozen.ft_sequence[0]),
+        counts=np.broadcast_to(frozen.counts[0], records.counts.shape).copy(),
+    )

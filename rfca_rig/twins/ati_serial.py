@@ -1,0 +1,133 @@
+"""The controller's side of the serial line: an ATI F/T Controller (CTL, CON) with its transducer."""
+
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.codecs.ati_serial import END, LARGEST_COUNT, LINE_END, PROMPT, Command, Record, RecordForm, encode_record
+from rfca_rig.twins.serial_line import SerialLine
+from rfca_rig.twins.ticks import Ticks
+
+Floats = NDArray[np.float64]
+
+BITS_PER_BYTE = 10  # a start bit, eight of data, a stop bit
+LONGEST_COMMAND = 80
+
+
+@dataclass(frozen=True)
+class AtiSerialTwinSettings:
+    """How the controller is set, and the transducer: standard deviation of its noise and range per axis, in N and N m.
+
+    Scale of a Gamma SI-65-5 unless told otherwise. A record is sent at every n-th sample, with the smallest n that the line can
+    carry at `bits_per_s`.
+    """
+
+    counts_per_N: float = 20.0
+    counts_per_Nm: float = 1000.0 / 3.0
+    sampling_Hz: float = 250.0
+    bits_per_s: int = 38_400
+    noise_std: tuple[float, ...] = (0.0,) * 6
+    full_scale: tuple[float, ...] = (65.0, 65.0, 200.0, 5.0, 5.0, 5.0)
+
+
+class AtiSerialTwin:
+    """Echoes, obeys, prompts; streams after `QS` until the next carriage return. Speaks ASCII after power-up.
+
+    Brought forward step by step by a world: `take_requests`, `due`, then, after the plant moved, `measured`.
+    """
+
+    def __init__(self, line: SerialLine, settings: AtiSerialTwinSettings, random: np.random.Generator) -> None:
+        self._line = line
+        self._settings = settings
+        self._random = random
+        self._ticks = Ticks(1.0 / settings.sampling_Hz)
+        self._typed = b""
+        self._binary = self._with_checksum = False
+        self._streaming = self._one_wanted = self._bias_wanted = False
+        self._biases: list[Floats] = []
+        self._counts_per_unit = np.repeat([settings.counts_per_N, settings.counts_per_Nm], 3)
+        self._noise_std, self._full_scale = np.array(settings.noise_std), np.array(settings.full_scale)
+
+    @property
+    def form(self) -> RecordForm:
+        """How records are written at present."""
+        if not self._binary:
+            return RecordForm.ASCII
+        return RecordForm.BINARY_CHECKSUM if self._with_checksum else RecordForm.BINARY
+
+    @property
+    def record_rate_Hz(self) -> float:
+        """Records per second of a stream of the present form."""
+        return self._settings.sampling_Hz / self._every
+
+    @property
+    def _every(self) -> int:
+        bits = self.form.record_bytes * BITS_PER_BYTE
+        return max(1, ceil(self._settings.sampling_Hz * bits / self._settings.bits_per_s - 1e-9))
+
+    def take_requests(self) -> None:
+        """Obeys what has come in. A line that is no command is answered by the prompt alone."""
+        for number in self._line.read():
+            self._hear(bytes([number]))
+
+    def _hear(self, character: bytes) -> None:
+        if character != END:
+            if not self._streaming and len(self._typed) < LONGEST_COMMAND:
+                self._typed += character
+                self._line.write(character)
+            return
+        command, self._typed = self._typed.strip().upper(), b""
+        self._streaming = False
+        self._line.write(LINE_END)
+        self._obey(command)
+        if not (self._streaming or self._one_wanted):
+            self._line.write(PROMPT)
+
+    def _obey(self, command: bytes) -> None:
+        if command in {Command.ASCII, Command.BINARY}:
+            self._binary = command == Command.BINARY
+        elif command in {Command.CHECKSUM_ON, Command.CHECKSUM_OFF}:
+            self._with_checksum = command == Command.CHECKSUM_ON
+        elif command in {Command.QUERY_STREAM, Command.QUERY_RECORD}:
+            self._streaming = command == Command.QUERY_STREAM
+            self._one_wanted = command == Command.QUERY_RECORD
+        elif command == Command.BIAS:
+            self._bias_wanted = True
+        elif command == Command.UNBIAS:
+            self._biases = self._biases[:-1]
+        elif command == Command.UNBIAS_ALL:
+            self._biases = []
+
+    def due(self, to_s: float) -> Floats:
+        """Sample times (m,) in the step that ends at `to_s`; none while nobody asked for any."""
+        first = self._ticks.taken + 1
+        times_s = self._ticks.until(to_s)
+        if self._one_wanted or self._bias_wanted:
+            return times_s
+        every = self._every
+        return times_s[(-first) % every :: every] if self._streaming else times_s[:0]
+
+    def measured(self, wrench: Floats) -> None:
+        """Takes the true wrench (m, 6) at the times that were due, and sends a record for each."""
+        if not len(wrench):
+            return
+        if self._bias_wanted:
+            self._biases.append(wrench[-1].copy())
+            self._bias_wanted = False
+        if self._one_wanted:
+            self._one_wanted = False
+            self._send(wrench[-1:])
+            self._line.write(PROMPT)
+        elif self._streaming:
+            self._send(wrench)
+
+    def _send(self, wrench: Floats) -> None:
+        felt = wrench + self._random.standard_normal(wrench.shape) * self._noise_std
+        within = np.clip(felt, -self._full_scale, self._full_scale)
+        saturated = (within != felt).any(axis=1)
+        bias = self._biases[-1] if self._biases else np.zeros(6)
+        counts = np.clip(np.rint((within - bias) * self._counts_per_unit), -LARGEST_COUNT, LARGEST_COUNT).astype(int)
+        for error, (fx, fy, fz, tx, ty, tz) in zip(saturated.tolist(), counts.tolist(), strict=True):
+            self._line.write(encode_record(Record(int(error), (fx, fy, fz, tx, ty, tz)), self.form))

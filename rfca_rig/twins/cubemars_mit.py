@@ -1,0 +1,154 @@
+"""The drive's side of the CAN wire: a CubeMars / T-Motor AK drive in MIT mode on the motor that turns the shaft."""
+
+from dataclasses import dataclass, replace
+
+import can
+
+from rfca_rig.codecs import cubemars_mit
+from rfca_rig.codecs.cubemars_mit import POSITION_CODES, MitCommand, MitReply, Special
+from rfca_rig.codecs.cubemars_ranges import mit_ranges
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.twins.plant import ShaftDrive, ShaftState
+
+AT_REST = MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)
+ZEROING_S = 1.0
+WARM_degC = 31
+
+
+@dataclass(frozen=True)
+class MitTwinSettings:
+    """How the drive is configured, and what kind of firmware it has.
+
+    `watchdog_s` None is a drive that goes on with its last command for ever; else the command is zeroed after that silence, and
+    the drive stays in MIT mode, as Ben Katz's firmware does (25 ms). `reply_id` None replies under the drive's own id.
+    `wraps`: the position field wraps at its ends, else it stops there. `tells_errors`: replies carry temperature and error.
+    `entering_error` is an error that every attempt to enter MIT mode ends in; 0 for a healthy drive.
+    """
+
+    drive_id: int = 1
+    model: str = "AK80-9"
+    direction: int = 1
+    zero_rad: float = 0.0
+    torque_limit_Nm: float | None = None
+    watchdog_s: float | None = None
+    reply_id: int | None = 0
+    wraps: bool = True
+    tells_errors: bool = True
+    entering_error: int = 0
+
+
+class CubemarsMitTwin:
+    """A `MotorTwin`: takes frames, answers each with how the shaft stands then, gives the torque on it.
+
+    The last command stays in the drive over leaving and entering MIT mode; a driver that relies on the contrary jerks.
+    """
+
+    def __init__(self, bus: can.BusABC, settings: MitTwinSettings) -> None:
+        self._bus = bus
+        self._settings = settings
+        self._ranges = mit_ranges(settings.model)
+        self._command = AT_REST
+        self._entered = False
+        self._error = 0
+        self._zero_rad = settings.zero_rad
+        self._zero_wanted = False
+        self._mute_until_s = 0.0
+        self._fed_s = 0.0
+        self._unanswered = 0
+
+    def take_frames(self, now_s: float) -> None:
+        """Obeys what has come in; frames that cannot be read are ignored. Commands feed the watchdog, special frames do not."""
+        while (message := self._bus.recv(timeout=0)) is not None:
+            mine = message.arbitration_id == self._settings.drive_id and not message.is_extended_id
+            if mine and not message.is_error_frame and not message.is_remote_frame and now_s >= self._mute_until_s:
+                self._take(message.data, now_s)
+        limit_s = self._settings.watchdog_s
+        if limit_s is not None and now_s - self._fed_s > limit_s:
+            self._command = AT_REST
+
+    def _take(self, data: bytearray, now_s: float) -> None:
+        try:
+            order = cubemars_mit.decode_command(self._ranges, data)
+        except MalformedFrame:
+            return
+        self._unanswered += 1
+        if isinstance(order, MitCommand):
+            self._command, self._fed_s = order, now_s
+        elif order is Special.ZERO:
+            self._zero_wanted, self._mute_until_s = True, now_s + ZEROING_S
+        else:
+            self._enter(order is Special.ENTER)
+
+    def _enter(self, entered: bool) -> None:
+        if entered and self._settings.entering_error:
+            self.fail(self._settings.entering_error)
+        elif entered != self._entered:
+            self._entered, self._error = entered, 0
+
+    def fail(self, error: int) -> None:
+        """An error of the drive's own: it gives no torque until it enters MIT mode anew."""
+        self._error, self._entered = error, False
+
+    def leap(self, by_rad: float) -> None:
+        """The encoder slips: from now on the drive reports another position."""
+        self._zero_rad += by_rad
+
+    def refuse_with(self, error: int) -> None:
+        """Every attempt to enter MIT mode ends in this error from now on."""
+        self._settings = replace(self._settings, entering_error=error)
+
+    def drive(self, shaft: ShaftState) -> ShaftDrive:
+        """Answers what was asked, and gives the torque on the shaft until the next step, within the limit as of now."""
+        for _ in range(self._unanswered):
+            self._reply(shaft)
+        self._unanswered = 0
+        if self._zero_wanted:
+            self._zero_wanted, self._zero_rad = False, -self._settings.direction * shaft.angle_rad
+        if not self._entered:
+            return ShaftDrive()
+        free = self._law()
+        torque_Nm, limit_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s)), self._limit_Nm
+        return free if torque_Nm <= limit_Nm else _scaled(free, limit_Nm / torque_Nm)
+
+    def _law(self) -> ShaftDrive:
+        command, direction = self._command, self._settings.direction
+        return ShaftDrive(
+            feed_Nm=direction * command.torque_Nm,
+            angle_gain_Nm_per_rad=command.kp_Nm_per_rad,
+            angle_rad=direction * (command.position_rad - self._zero_rad),
+            speed_gain_Nm_s_per_rad=command.kd_Nm_s_per_rad,
+            speed_rad_s=direction * command.speed_rad_s,
+        )
+
+    @property
+    def _limit_Nm(self) -> float:
+        given_Nm = self._settings.torque_limit_Nm
+        return self._ranges.torque_Nm if given_Nm is None else min(given_Nm, self._ranges.torque_Nm)
+
+    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
+        """Nothing becomes due: the drive speaks only when it is asked."""
+
+    def _reply(self, shaft: ShaftState) -> None:
+        settings, told = self._settings, self._settings.tells_errors
+        code = cubemars_mit.position_code(self._ranges, settings.direction * shaft.angle_rad + self._zero_rad)
+        reply = MitReply(
+            drive_id=settings.drive_id,
+            position_code=code % POSITION_CODES if settings.wraps else min(max(code, 0), POSITION_CODES - 1),
+            position_rad=0.0,
+            speed_rad_s=settings.direction * shaft.speed_rad_s,
+            torque_Nm=settings.direction * shaft.torque_Nm,
+            temperature_degC=WARM_degC if told else None,
+            error=self._error if told else None,
+        )
+        identifier = settings.drive_id if settings.reply_id is None else settings.reply_id
+        data = cubemars_mit.encode_reply(self._ranges, reply)
+        self._bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+
+
+def _scaled(law: ShaftDrive, factor: float) -> ShaftDrive:
+    return replace(
+        law,
+        feed_Nm=factor * law.feed_Nm,
+        angle_gain_Nm_per_rad=factor * law.angle_gain_Nm_per_rad,
+        speed_gain_Nm_s_per_rad=factor * law.speed_gain_Nm_s_per_rad,
+    )

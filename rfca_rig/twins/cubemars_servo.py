@@ -1,0 +1,170 @@
+"""The drive's side of the CAN wire: a CubeMars / T-Motor AK drive in servo mode on the motor that turns the shaft."""
+
+from dataclasses import dataclass, field, replace
+from math import degrees, floor, radians, tau
+
+import can
+
+from rfca_rig.codecs import cubemars_servo
+from rfca_rig.codecs.cubemars_servo import Message, Origin, Status
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.codecs.odrive_messages import ControlMode
+from rfca_rig.twins.motor import moments_between
+from rfca_rig.twins.plant import ShaftDrive, ShaftState
+from rfca_rig.twins.speed_loop import LoopGains, SetPoint, SpeedLoop
+from rfca_rig.twins.ticks import Ticks
+
+WARM_degC = 31
+MOST_COUNT = 32_000  # where the manual says that the position of the status frame ends
+
+
+@dataclass(frozen=True)
+class ServoTwinSettings:
+    """How the drive is configured, and what kind of firmware it has.
+
+    `watchdog_s` None is a drive that goes on with its last order for ever; else the torque is taken away after that silence.
+    `wraps`: the position of the status frame wraps at 16 bits, else it stops at +-3200 degrees. `ordered_error` is an error that
+    every order to turn ends in; 0 for a healthy drive.
+    """
+
+    drive_id: int = 1
+    gear_ratio: float = 9.0
+    pole_pairs: int = 21
+    torque_constant_Nm_per_A: float = 0.115
+    direction: int = 1
+    zero_deg: float = 0.0
+    gains: LoopGains = field(default_factory=LoopGains)
+    status_period_s: float = 2e-3
+    watchdog_s: float | None = None
+    wraps: bool = True
+    ordered_error: int = 0
+
+
+class CubemarsServoTwin:
+    """A `MotorTwin`: takes frames, gives the torque on the shaft, sends its status on its own.
+
+    Orders count at once and stay; a position is absolute, however often the shaft has turned before.
+    """
+
+    def __init__(self, bus: can.BusABC, settings: ServoTwinSettings) -> None:
+        self._bus = bus
+        self._settings = settings
+        self._loop = SpeedLoop(settings.gains)
+        self._wanted = SetPoint(ControlMode.TORQUE)
+        self._goal_rad: float | None = None  # of a position with a limit of speed; the set-point moves there
+        self._pace_rad_s = 0.0
+        self._starts_pacing = False
+        self._looping = False
+        self._zero_deg = settings.zero_deg
+        self._origin_wanted = False
+        self._error = 0
+        self._fed_s = 0.0
+        self._status_ticks = Ticks(settings.status_period_s)
+
+    def take_frames(self, now_s: float) -> None:
+        """Obeys what has come in; frames that cannot be read are ignored."""
+        while (message := self._bus.recv(timeout=0)) is not None:
+            mine = message.is_extended_id and cubemars_servo.drive_of(message.arbitration_id) == self._settings.drive_id
+            if mine and not message.is_error_frame and not message.is_remote_frame:
+                self._fed_s = now_s
+                self._take(message)
+        limit_s = self._settings.watchdog_s
+        if limit_s is not None and now_s - self._fed_s > limit_s:
+            self._push(0.0)
+
+    def _take(self, message: can.Message) -> None:
+        try:
+            self._obey(cubemars_servo.decode(message.arbitration_id, message.data))
+        except MalformedFrame:
+            return  # the firmware says nothing either
+
+    def _obey(self, order: Message | None) -> None:
+        match order:
+            case cubemars_servo.SetCurrent():
+                self._push(order.current_A)
+            case cubemars_servo.SetOrigin():
+                self._origin_wanted = order.origin != Origin.FACTORY
+            case cubemars_servo.SetSpeed():
+                self._turn(ControlMode.VELOCITY, speed_rad_s=order.speed_erpm / self._erpm_s_per_rad)
+            case cubemars_servo.SetPosition():
+                self._turn(ControlMode.POSITION, angle_rad=self._angle_rad(order.position_deg))
+            case cubemars_servo.SetPositionSpeed():
+                self._pace_rad_s = abs(order.speed_erpm / self._erpm_s_per_rad)
+                goal_rad = self._angle_rad(order.position_deg)
+                self._turn(ControlMode.POSITION, angle_rad=self._wanted.angle_rad, goal_rad=goal_rad)
+
+    def _push(self, current_A: float) -> None:
+        """Current alone; zero lets go, and what was an error is over then."""
+        self._wanted = SetPoint(ControlMode.TORQUE, torque_Nm=current_A * self._torque_per_A)
+        self._goal_rad, self._looping = None, False
+        if current_A == 0.0:
+            self._error = 0
+
+    def _turn(self, mode: int, angle_rad: float = 0.0, speed_rad_s: float = 0.0, goal_rad: float | None = None) -> None:
+        if self._settings.ordered_error:
+            self._error = self._settings.ordered_error
+        if self._error:
+            return
+        self._starts_pacing |= goal_rad is not None and self._goal_rad is None
+        self._wanted = SetPoint(mode, angle_rad, speed_rad_s)
+        self._goal_rad = goal_rad
+        if not self._looping:
+            self._loop.reset()
+        self._looping = True
+
+    def fail(self, error: int) -> None:
+        """An error of the drive's own: it lets go, and takes no order to turn before it was told to."""
+        self._push(0.0)
+        self._error = error
+
+    def leap(self, by_rad: float) -> None:
+        """The encoder slips: from now on the drive reports another position."""
+        self._zero_deg += degrees(by_rad)
+
+    def refuse_with(self, error: int) -> None:
+        """Every order to turn ends in this error from now on."""
+        self._settings = replace(self._settings, ordered_error=error)
+
+    def drive(self, shaft: ShaftState) -> ShaftDrive:
+        """The torque on the shaft until the next step."""
+        if self._origin_wanted:
+            self._origin_wanted, self._zero_deg = False, -self._settings.direction * degrees(shaft.angle_rad)
+        if self._goal_rad is not None and self._starts_pacing:
+            self._wanted.angle_rad = shaft.angle_rad
+        self._starts_pacing = False
+        return self._loop.law(self._wanted, shaft)
+
+    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
+        """Takes in a step of the plant under `law` that ended at `now_s`, and reports what became due in it."""
+        self._loop.passed(self._wanted, elapsed_s, before, after)
+        if self._goal_rad is not None:
+            way_rad, most_rad = self._goal_rad - self._wanted.angle_rad, self._pace_rad_s * elapsed_s
+            self._wanted.angle_rad += min(max(way_rad, -most_rad), most_rad)
+        due_s = self._status_ticks.until(now_s).tolist()
+        for angle_rad, speed_rad_s in moments_between(due_s, elapsed_s, now_s, before, after):
+            self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
+
+    def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
+        count = floor((self._zero_deg + self._settings.direction * degrees(angle_rad)) / cubemars_servo.STATUS_DEG)
+        held = min(max(count, -MOST_COUNT), MOST_COUNT)
+        wrapped = (count + cubemars_servo.STATUS_COUNTS // 2) % cubemars_servo.STATUS_COUNTS - cubemars_servo.STATUS_COUNTS // 2
+        status = Status(
+            position_count=wrapped if self._settings.wraps else held,
+            speed_erpm=speed_rad_s * self._erpm_s_per_rad,
+            current_A=torque_Nm / self._torque_per_A,
+            temperature_degC=WARM_degC,
+            error=self._error,
+        )
+        frame = cubemars_servo.status(self._settings.drive_id, status)
+        self._bus.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=True))
+
+    def _angle_rad(self, position_deg: float) -> float:
+        return self._settings.direction * radians(position_deg - self._zero_deg)
+
+    @property
+    def _erpm_s_per_rad(self) -> float:
+        return self._settings.direction * self._settings.gear_ratio * self._settings.pole_pairs * 60.0 / tau
+
+    @property
+    def _torque_per_A(self) -> float:
+        return self._settings.direction * self._settings.gear_ratio * self._settings.torque_constant_Nm_per_A

@@ -1,0 +1,248 @@
+"""The drive's side of the CAN-FD wire: a moteus on the motor that turns the shaft."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from math import isinf, isnan, nan, tau
+
+import can
+
+from rfca_rig.codecs import moteus
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.codecs.moteus import Read, Refusal, Reply, Route, Subframe, Write
+from rfca_rig.codecs.moteus_registers import Mode, Register
+from rfca_rig.twins.moteus_loop import MoteusGains, MoteusLoop, PositionCommand, damping
+from rfca_rig.twins.plant import ShaftDrive, ShaftState
+
+UNKNOWN_REGISTER, NOT_WRITEABLE, NOT_ALLOWED = 1, 2, 3
+FACTS: dict[int, float] = {
+    Register.MODEL_NUMBER: 1,
+    Register.FIRMWARE_VERSION: 0x010304,
+    Register.REGISTER_MAP_VERSION: 5,
+    Register.SERIAL_NUMBER_1: 1,
+    Register.SERIAL_NUMBER_2: 2,
+    Register.SERIAL_NUMBER_3: 3,
+}
+COMMANDABLE = frozenset({Mode.STOPPED, Mode.POSITION, Mode.ZERO_VELOCITY})
+NEEDS_NUMBER = frozenset({Register.COMMAND_FEEDFORWARD_TORQUE, Register.COMMAND_KP_SCALE, Register.COMMAND_KD_SCALE})
+
+
+@dataclass(frozen=True)
+class MoteusTwinSettings:
+    """How the drive is configured. `default_timeout_s` (servo.default_timeout_s) counts where a command gives none.
+
+    `keeps_timeouts` False is a drive without a watchdog, `arming_fault` a fault code that every attempt to start ends in; 0 for a
+    healthy drive. In a timeout it brakes with at most `timeout_torque_Nm` (servo.timeout_max_torque_Nm).
+    """
+
+    drive_id: int = 1
+    can_prefix: int = 0
+    gear_ratio: float = 1.0
+    direction: int = 1
+    zero_turns: float = 0.0
+    gains: MoteusGains = field(default_factory=MoteusGains)
+    default_timeout_s: float = 0.1
+    timeout_torque_Nm: float = 5.0
+    starting_s: float = 0.02
+    voltage_V: float = 24.0
+    temperature_degC: float = 30.0
+    keeps_timeouts: bool = True
+    arming_fault: int = 0
+
+
+class MoteusTwin:
+    """Takes frames, gives the torque on the shaft, answers what it is asked. Brought forward step by step by a world:
+
+    `take_frames`, `drive`, then, after the plant moved, `passed`. Answers leave in `drive`: of the shaft as it stands then, and of
+    the mode before the command that came with the question, as the firmware does. Trajectories under velocity or acceleration
+    limits are not planned: targets count at once. The diagnostic stream is not answered.
+    """
+
+    def __init__(self, bus: can.BusABC, settings: MoteusTwinSettings) -> None:
+        self._bus = bus
+        self._settings = settings
+        self._loop = MoteusLoop(settings.gains)
+        self._mode = self._wanted = Mode.STOPPED
+        self._fault = 0
+        self._command = self._in_force = PositionCommand()
+        self._commanded_s = self._now_s = self._powered_s = 0.0
+        self._started_s = 0.0
+        self._answers: list[Callable[[ShaftState], None]] = []
+
+    def take_frames(self, now_s: float) -> None:
+        """Obeys what has come in; frames that cannot be read are ignored. Only a command, not a question, feeds the watchdog."""
+        self._now_s = now_s
+        while (message := self._bus.recv(timeout=0)) is not None:
+            route = moteus.route_of(message.arbitration_id)
+            if not message.is_remote_frame and not message.is_error_frame and self._is_mine(route):
+                self._take(route, message.data)
+        self._check_start()
+        self._check_watchdog()
+
+    def _is_mine(self, route: Route) -> bool:
+        return route.destination == self._settings.drive_id and route.prefix == self._settings.can_prefix
+
+    def _take(self, route: Route, data: bytes | bytearray) -> None:
+        try:
+            subframes = moteus.decode(data)
+        except MalformedFrame:
+            return  # the firmware says nothing either
+        asked = [item for item in subframes if isinstance(item, Read)]
+        mode, fault = self._mode, self._fault
+        refusals = self._obey([item for item in subframes if isinstance(item, Write)])
+        if route.wants_reply and (asked or refusals):
+            self._answers.append(lambda shaft: self._answer(route, [*refusals, *self._told(asked, mode, fault, shaft)]))
+
+    def _obey(self, writes: list[Write]) -> list[Refusal]:
+        """Writing the mode sets all other commands back; what is written after it counts for that command alone."""
+        refusals: list[Refusal] = []
+        ordered: int | None = None
+        for write in writes:
+            if write.register == Register.MODE and write.value in COMMANDABLE:
+                ordered, self._command = int(write.value), PositionCommand()
+            elif write.register == Register.MODE:
+                refusals.append(Refusal(write.register, NOT_ALLOWED, of_write=True))
+            elif (code := self._written(write)) != 0:
+                refusals.append(Refusal(write.register, code, of_write=True))
+        if ordered is not None:
+            self._order(ordered)
+        return refusals
+
+    def _written(self, write: Write) -> int:
+        """0, or why the register was not written."""
+        rad, ratio, value = self._rad_per_turn, self._torque_ratio, write.value
+        changes: dict[int, dict[str, float]] = {
+            Register.COMMAND_POSITION: {"angle_rad": (value - self._settings.zero_turns) * rad},
+            Register.COMMAND_VELOCITY: {"speed_rad_s": value * rad},
+            Register.COMMAND_FEEDFORWARD_TORQUE: {"feed_forward_Nm": value * ratio},
+            Register.COMMAND_KP_SCALE: {"kp_scale": value},
+            Register.COMMAND_KD_SCALE: {"kd_scale": value},
+            Register.COMMAND_MAXIMUM_TORQUE: {"torque_limit_Nm": value * abs(ratio)},
+            Register.COMMAND_TIMEOUT: {"timeout_s": value},
+            Register.COMMAND_STOP_POSITION: {},
+            Register.COMMAND_VELOCITY_LIMIT: {},
+            Register.COMMAND_ACCELERATION_LIMIT: {},
+        }
+        change = changes.get(write.register)
+        if change is None:
+            return NOT_WRITEABLE if write.register in set(Register) else UNKNOWN_REGISTER
+        if isinf(value) or (isnan(value) and write.register in NEEDS_NUMBER):
+            return NOT_ALLOWED
+        self._command = replace(self._command, **change)
+        return 0
+
+    def _order(self, mode: int) -> None:
+        self._commanded_s, self._in_force = self._now_s, self._command
+        if mode == Mode.STOPPED:
+            self._stop(Mode.STOPPED, 0)
+        elif self._mode in {Mode.FAULT, Mode.TIMEOUT}:
+            return  # latched until it is stopped
+        elif self._settings.arming_fault:
+            self.fail(self._settings.arming_fault)
+        else:
+            self._run(Mode(mode))
+
+    def _run(self, mode: Mode) -> None:
+        if self._mode == Mode.STOPPED:
+            self._mode, self._started_s = Mode.CALIBRATING, self._now_s
+        elif self._mode != Mode.CALIBRATING:
+            self._mode = mode
+        self._wanted = mode
+        if mode == Mode.POSITION:
+            self._loop.take(self._in_force)
+
+    def _check_start(self) -> None:
+        if self._mode == Mode.CALIBRATING and self._now_s - self._started_s >= self._settings.starting_s:
+            self._mode = self._wanted
+
+    def _check_watchdog(self) -> None:
+        running = self._mode not in {Mode.STOPPED, Mode.FAULT, Mode.TIMEOUT}
+        limit_s = self._in_force.timeout_s or self._settings.default_timeout_s
+        if running and self._settings.keeps_timeouts and not isnan(limit_s) and self._now_s - self._commanded_s > limit_s:
+            self.time_out()
+
+    def time_out(self) -> None:
+        """Brakes from now on, until it is stopped."""
+        self._stop(Mode.TIMEOUT, 0)
+
+    def fail(self, code: int) -> None:
+        """A fault of the drive's own: the motor is without torque until it is stopped and commanded anew."""
+        self._stop(Mode.FAULT, code)
+
+    def restart(self) -> None:
+        """Power off and on: without torque, its counter from zero."""
+        self._stop(Mode.STOPPED, 0)
+        self._powered_s = self._now_s
+
+    def _stop(self, mode: Mode, fault: int) -> None:
+        self._mode, self._fault = mode, fault
+        self._loop.reset()
+
+    def drive(self, shaft: ShaftState) -> ShaftDrive:
+        """The torque on the shaft until the next step; answers what was asked before it."""
+        answers, self._answers = self._answers, []
+        for answer in answers:
+            answer(shaft)
+        if self._mode == Mode.POSITION:
+            return self._loop.law(shaft)
+        if self._mode in {Mode.TIMEOUT, Mode.ZERO_VELOCITY}:
+            return damping(self._settings.gains, shaft, self._settings.timeout_torque_Nm)
+        return ShaftDrive()
+
+    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:  # noqa: ARG002
+        """Takes in a step of the plant; a moteus reports nothing unasked."""
+        if self._mode == Mode.POSITION:
+            self._loop.passed(elapsed_s, before, after)
+
+    def _told(self, asked: list[Read], mode: int, fault: int, shaft: ShaftState) -> list[Subframe]:
+        values = self._values(mode, fault, shaft)
+        return [
+            Reply(read.register, read.width, moteus.nearest(read.register, read.width, values[read.register]))
+            if read.register in values
+            else Refusal(read.register, UNKNOWN_REGISTER, of_write=False)
+            for read in asked
+        ]
+
+    def _values(self, mode: int, fault: int, shaft: ShaftState) -> dict[int, float]:
+        return {
+            **FACTS,
+            Register.MODE: mode,
+            Register.POSITION: self._settings.zero_turns + shaft.angle_rad / self._rad_per_turn,
+            Register.VELOCITY: shaft.speed_rad_s / self._rad_per_turn,
+            Register.TORQUE: shaft.torque_Nm / self._torque_ratio,
+            Register.Q_CURRENT: nan,
+            Register.D_CURRENT: nan,
+            Register.POWER: shaft.torque_Nm * shaft.speed_rad_s,
+            Register.MOTOR_TEMPERATURE: nan,
+            Register.TRAJECTORY_COMPLETE: 1,
+            Register.HOME_STATE: 1,
+            Register.VOLTAGE: self._settings.voltage_V,
+            Register.TEMPERATURE: self._settings.temperature_degC,
+            Register.FAULT: fault,
+            Register.COMMAND_TIMEOUT: self._in_force.timeout_s,
+            Register.MILLISECOND_COUNTER: _wrapped(int((self._now_s - self._powered_s) * 1e3 + 1e-6)),
+        }
+
+    def _answer(self, route: Route, subframes: list[Subframe]) -> None:
+        identifier = moteus.arbitration_id(Route(self._settings.drive_id, route.source, prefix=self._settings.can_prefix))
+        self._bus.send(
+            can.Message(
+                arbitration_id=identifier,
+                is_extended_id=identifier > 0x7FF,
+                is_fd=True,
+                bitrate_switch=True,
+                data=moteus.encode(subframes),
+            )
+        )
+
+    @property
+    def _rad_per_turn(self) -> float:
+        return self._settings.direction * tau / self._settings.gear_ratio
+
+    @property
+    def _torque_ratio(self) -> float:
+        return self._settings.direction * self._settings.gear_ratio
+
+
+def _wrapped(count: int) -> int:
+    """As a signed 32 bit number."""
+    return (count + (1 << 31)) % (1 << 32) - (1 << 31)

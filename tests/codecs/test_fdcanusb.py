@@ -1,0 +1,93 @@
+"""Lines of a fdcanusb against their description."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rfca_rig.codecs import fdcanusb
+from rfca_rig.codecs.fdcanusb import FdFrame
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.codecs.moteus import FD_LENGTHS
+
+COMMAND = "01000a07206000200150ff140400130d"  # the worked example of the moteus reference
+
+
+def test_the_documented_example_is_read() -> None:
+    frame = fdcanusb.decode_send(f"can send 8001 {COMMAND}")
+    assert frame == FdFrame(0x8001, bytes.fromhex(COMMAND))
+    assert fdcanusb.decode_received("rcv 100 2404000a005000000170ff230d181400").extended is False
+
+
+def test_the_checksum_is_that_of_its_polynomial() -> None:
+    assert fdcanusb.crc8(b"") == 0
+    assert fdcanusb.crc8(b"\x01") == 0x97  # one bit: the polynomial itself
+    remainder = int.from_bytes(b"OK \x00", "big")
+    for bit in range(31, 7, -1):  # long division by x^8 + 0x97
+        remainder ^= (0x197 << bit - 8) if remainder >> bit & 1 else 0
+    assert fdcanusb.crc8(b"OK ") == remainder
+
+
+frames = st.builds(
+    FdFrame,
+    st.integers(0, (1 << 29) - 1),
+    st.sampled_from([length for length in FD_LENGTHS if length]).flatmap(lambda length: st.binary(min_size=length, max_size=length)),
+    st.just(True),
+    st.booleans(),
+)
+
+
+@given(frames)
+def test_frames_survive_both_ways(frame: FdFrame) -> None:
+    for encode, decode in ((fdcanusb.encode_send, fdcanusb.decode_send), (fdcanusb.encode_received, fdcanusb.decode_received)):
+        ((said,), rest) = fdcanusb.split(encode(frame))
+        text, has_checksum = fdcanusb.checked(said)
+        assert (decode(text), has_checksum, rest) == (frame, True, b"")
+
+
+@given(frames, st.integers(0, 50), st.integers(0, 7))
+def test_a_flipped_bit_is_never_taken_for_another_frame(frame: FdFrame, at: int, bit: int) -> None:
+    ((said,), _) = fdcanusb.split(fdcanusb.encode_send(frame))
+    at %= len(said) - 3
+    flipped = said[:at] + bytes([said[at] ^ 1 << bit]) + said[at + 1 :]
+    with pytest.raises(MalformedFrame, match="checksum"):
+        fdcanusb.checked(flipped)
+
+
+@given(st.binary(max_size=300))
+def test_no_bytes_raise_anything_but_the_codecs_own_error(received: bytes) -> None:
+    try:
+        lines, _ = fdcanusb.split(received)
+        for said in lines:
+            text, _ = fdcanusb.checked(said)
+            fdcanusb.decode_send(text)
+    except MalformedFrame:
+        pass
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "can send",
+        "can send 1",
+        "can send 8001 0",
+        "can send xyz 00",
+        "can send 8001 000000000000000000",
+        "can send 123456789 00",
+        "hello",
+    ],
+)
+def test_what_is_no_frame_is_refused(text: str) -> None:
+    with pytest.raises(MalformedFrame):
+        fdcanusb.decode_send(text)
+
+
+@pytest.mark.parametrize(("text", "extended", "switched"), [("7ff 00", False, True), ("800 00", True, True), ("1 00 E bF", True, False)])
+def test_flags_left_out_are_as_the_identifier_needs(text: str, extended: bool, switched: bool) -> None:
+    frame = fdcanusb.decode_send(f"can send {text}")
+    assert (frame.extended, frame.bitrate_switch) == (extended, switched)
+
+
+def test_a_line_without_an_end_is_thrown_away() -> None:
+    with pytest.raises(MalformedFrame, match="without an end"):
+        fdcanusb.split(b"c" * 300)

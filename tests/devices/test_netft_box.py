@@ -1,0 +1,208 @@
+"""Configuration of the Net F/T: read over HTTP and over the command interface of its twin, and held against the settings."""
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, HTTPServer
+
+import numpy as np
+import pytest
+
+from rfca_rig.clock import TwinClock
+from rfca_rig.codecs.netft_commands import COMMAND_BYTES, CalibrationInfo, ReadForce, decode_reading, encode_command
+from rfca_rig.codecs.rdt import RdtCommand, decode_request
+from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES, receive_buffer_advice
+from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
+from rfca_rig.drivers.netft_box import CommandBox, HttpBox
+from rfca_rig.errors import BadInput, DeviceError, RigError
+from rfca_rig.twins.datagram_link import datagram_link
+from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.netft_box import NetFtBoxTwin
+
+
+def made(settings: NetFtTwinSettings | None = None) -> tuple[NetFtBoxTwin, NetFtTwin]:
+    settings = settings or NetFtTwinSettings(decimation=7, counts_per_N=1e6, counts_per_Nm=2e6)
+    twin = NetFtTwin(datagram_link()[1], settings, np.random.default_rng(1))
+    return NetFtBoxTwin(twin, settings), twin
+
+
+@contextmanager
+def http(box: NetFtBoxTwin) -> Iterator[int]:
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            page = box.page(self.path)
+            self.send_response(page.status)
+            self.send_header("Content-Type", page.content_type)
+            self.end_headers()
+            self.wfile.write(page.body)
+
+        def log_message(self, *_: object) -> None:
+            return
+
+    with HTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True)
+        thread.start()
+        yield server.server_address[1]
+        server.shutdown()
+        thread.join()
+
+
+@contextmanager
+def commands(answer: Callable[[bytes], bytes], times: int = 1) -> Iterator[int]:
+    def serve() -> None:
+        for _ in range(times):
+            with listening.accept()[0] as client:
+                client.sendall(answer(client.recv(COMMAND_BYTES)))
+
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        yield listening.getsockname()[1]
+        thread.join(5.0)
+
+
+def test_the_page_tells_units_counts_and_rate() -> None:
+    box, _ = made()
+    with http(box) as port:
+        says = HttpBox("127.0.0.1", port).says()
+    assert says == box.configuration
+    assert (says.counts_per_N, says.counts_per_Nm, says.decimation(7000.0)) == (1e6, 2e6, 7)
+
+
+@pytest.mark.parametrize("decimation", range(1, 60))
+def test_the_twins_page_and_its_stream_agree_at_every_rate(decimation: int) -> None:
+    box, _ = made(NetFtTwinSettings(decimation=decimation))
+    assert box.configuration.decimation(7000.0) == decimation
+
+
+def test_a_busy_box_is_told_with_what_it_answered() -> None:
+    box, _ = made()
+    box.busy = True
+    with http(box) as port, pytest.raises(DeviceError, match=rf"http://127.0.0.1:{port}/netftapi2.xml gives no configuration.*503"):
+        HttpBox("127.0.0.1", port).says()
+
+
+def test_a_page_of_something_else_is_told() -> None:
+    box, _ = made()
+    box.page = lambda target: replace(NetFtBoxTwin.page(box, target), body=b"<html/>")
+    with http(box) as port, pytest.raises(DeviceError, match=r"begins with <html>, expected <netft>; is this a Net F/T\?"):
+        HttpBox("127.0.0.1", port).says()
+
+
+def test_nobody_there_is_told_by_both_ways() -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = unused.getsockname()[1]
+    for box in (HttpBox("127.0.0.1", port), CommandBox("127.0.0.1", port)):
+        with pytest.raises(DeviceError, match="check the address"):
+            box.says()
+
+
+def test_the_command_interface_tells_units_and_counts() -> None:
+    box, _ = made()
+    with commands(box.answer) as port:
+        says = CommandBox("127.0.0.1", port).says()
+    assert says == CalibrationInfo("N", "Nm", 1_000_000, 2_000_000, says.scale_factors)
+    assert max(says.scale_factors) < 2**16
+
+
+def test_a_reading_over_the_command_interface_is_the_wrench_to_its_16_bits() -> None:
+    box, twin = made()
+    scale = np.array(box._scale_factors())
+    box.answer(encode_command(ReadForce()))
+    wrench = np.array([3.0, -7.5, 600.0, 0.5, -0.75, 29.0])
+    twin.measured(np.tile(wrench, (len(twin.due(0.01)), 1)))
+    with commands(box.answer) as port:
+        reading = CommandBox("127.0.0.1", port).reading(ReadForce())
+    counts_per_unit = np.repeat([1e6, 2e6], 3)
+    assert np.array(reading.counts) * scale / counts_per_unit == pytest.approx(wrench, abs=float((scale / counts_per_unit).max()))
+    assert reading.status == 0
+
+
+def test_a_bias_over_the_command_interface_takes_off_what_is_felt() -> None:
+    box, twin = made()
+    box.answer(encode_command(ReadForce(bias=True)))
+    twin.measured(np.full((len(twin.due(0.01)), 6), 4.0))
+    assert decode_reading(box.answer(encode_command(ReadForce()))).counts == (0,) * 6
+
+
+def test_an_idle_twin_measures_only_once_it_was_asked() -> None:
+    box, twin = made()
+    assert len(twin.due(0.01)) == 0
+    box.answer(encode_command(ReadForce()))
+    assert len(twin.due(0.02)) == 1
+
+
+def test_what_is_no_command_gets_no_answer() -> None:
+    box, _ = made()
+    assert box.answer(b"\x02" + bytes(19)) == b""
+    with (
+        commands(lambda _: b"\x12\x34") as port,
+        pytest.raises(DeviceError, match=r"127\.0\.0\.1:\d+: .* of 2 bytes, expected 24"),
+    ):
+        CommandBox("127.0.0.1", port).says()
+
+
+def test_a_box_that_agrees_starts_its_stream_and_lends_its_serial_number() -> None:
+    here, there = datagram_link()
+    box, _ = made()
+    box.configuration = replace(box.configuration, serial_number="FT27462")
+    sensor = NetFtSensor(here, TwinClock(), NetFtSettings(1e6, 2e6, 1000.0), box)
+    sensor.start()
+    assert [decode_request(datagram).command for datagram in there.receive_all()] == [RdtCommand.STOP, RdtCommand.START_BUFFERED]
+    assert sensor.identity()["serial_number"] == "FT27462"
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "said"),
+    [
+        ({"counts_per_force": 1e5}, BadInput, r"counts_per_N is 1000000, the box at 10\.0\.0\.7 is set to 100000 \(100000 per N\)"),
+        ({"force_unit": "lbf"}, BadInput, r"counts_per_N is 1000000, .* is set to 224808\.9431 \(1e\+06 per lbf\)"),
+        ({"torque_unit": "Nmm"}, BadInput, r"counts_per_Nm is 2000000, .* is set to 2000000000 \(2e\+06 per Nmm\)"),
+        ({"rdt_rate_Hz": 7000.0}, BadInput, r"rate_Hz is 1000, .* is set to 7000 records/s \(comrdtrate 7000\)"),
+        ({"internal_rate_Hz": 7812.0}, BadInput, r"rate_Hz is 1000, .* is set to 1116 records/s"),
+        ({"rdt_enabled": False}, DeviceError, r"RDT is disabled on the box at 10\.0\.0\.7; enable it \(comrdte\)"),
+    ],
+)
+def test_a_box_set_otherwise_is_refused_in_one_line_before_anything_is_sent(
+    change: dict[str, float], kind: type[RigError], said: str
+) -> None:
+    here, there = datagram_link()
+    box, _ = made()
+    box.configuration = replace(box.configuration, **change)
+    sensor = NetFtSensor(here, TwinClock(), NetFtSettings(1e6, 2e6, 1000.0, address="10.0.0.7"), box)
+    with pytest.raises(kind, match=said) as caught:
+        sensor.start()
+    assert "\n" not in str(caught.value)
+    assert there.receive_all() == []
+
+
+def test_counts_changed_between_two_streams_are_noticed() -> None:
+    box, _ = made()
+    sensor = NetFtSensor(datagram_link()[0], TwinClock(), NetFtSettings(1e6, 2e6, 1000.0), box)
+    sensor.start()
+    sensor.stop()
+    box.configuration = replace(box.configuration, counts_per_force=2e6)
+    with pytest.raises(BadInput, match="counts_per_N"):
+        sensor.start()
+
+
+@pytest.mark.parametrize(("buffered", "command"), [(True, RdtCommand.START_BUFFERED), (False, RdtCommand.START_SINGLE)])
+def test_a_bias_is_sent_and_the_stream_begun_anew(buffered: bool, command: RdtCommand) -> None:
+    here, there = datagram_link()
+    sensor = NetFtSensor(here, TwinClock(), NetFtSettings(buffered=buffered))
+    sensor.bias()
+    sensor.start()
+    there.receive_all()
+    sensor.bias()
+    requests = [decode_request(datagram).command for datagram in there.receive_all()]
+    assert requests == [RdtCommand.SET_BIAS, RdtCommand.STOP, command]
+
+
+def test_a_small_receive_buffer_comes_with_what_to_type() -> None:
+    assert receive_buffer_advice(RECEIVE_BUFFER_BYTES) == receive_buffer_advice(2 * RECEIVE_BUFFER_BYTES) == ""
+    line = receive_buffer_advice(212_992)
+    assert "gives 208 KiB of receive buffer where 4096 were asked for" in line
+    assert "sudo sysctl -w net.core.rmem_max=4194304" in line

@@ -1,0 +1,110 @@
+"""The maker's own Python package on the twin server, over the serial line on which a moteus speaks as a fdcanusb does."""
+
+import asyncio
+import math
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+import serial
+
+from rfca_rig.codecs import fdcanusb
+from rfca_rig.twin_server.fdcanusb_port import FdcanusbPort
+from rfca_rig.twin_server.shared_wire import SharedWire
+from tests.bench.test_moteus_and_odrive_rigs import MOTEUS, rig_with
+from tests.twin_server.server import serving
+
+
+@pytest.fixture
+def port() -> Iterator[tuple[FdcanusbPort, can.BusABC, serial.Serial]]:
+    wire = SharedWire("test")
+    opened, other = FdcanusbPort(wire), wire.join()
+    with serial.Serial(opened.path, timeout=1.0) as line:
+        yield opened, other, line
+    opened.close()
+    wire.leave(other)
+
+
+def answers(port: FdcanusbPort, line: serial.Serial, said: bytes, expected: int = 1) -> list[str]:
+    """What the port says to a line, which takes the kernel a moment to carry."""
+    line.write(said)
+    lines, rest, deadline_s = [], b"", time.monotonic() + 5.0
+    while len(lines) < expected and time.monotonic() < deadline_s:
+        port.poll(0.0)
+        more, rest = fdcanusb.split(rest + line.read(line.in_waiting))
+        lines += more
+    return [fdcanusb.checked(one)[0] for one in lines]
+
+
+def test_a_frame_goes_onto_the_bus_and_the_answer_comes_back(port) -> None:
+    opened, bus, line = port
+    assert answers(opened, line, b"can send 8001 1100505050505050 BF\n") == ["OK"]
+    message = bus.recv(timeout=0)
+    assert (message.arbitration_id, message.is_extended_id, message.is_fd, message.bitrate_switch) == (0x8001, True, True, True)
+    bus.send(can.Message(arbitration_id=0x100, data=b"\x21\x00\x0a", is_fd=True, is_extended_id=False))
+    assert sorted(answers(opened, line, b"can on\n", 2)) == ["OK", "rcv 0100 21000A e b F"]
+
+
+def test_what_it_cannot_do_is_refused_and_once_guarded_all_lines_must_be(port) -> None:
+    opened, bus, line = port
+    assert answers(opened, line, b"conf get x\n")[0].startswith("ERR not an order")
+    assert answers(opened, line, b"can send 8001 00 *00\n")[0].startswith("ERR checksum mismatch")
+    assert answers(opened, line, fdcanusb.line("can send 8001 1100")) == ["OK"]
+    assert answers(opened, line, b"can send 8001 1100\n") == ["ERR checksum required"]
+    assert answers(opened, line, "can sénd\n".encode()) == ["ERR checksum required"]
+    assert bus.recv(timeout=0) is not None
+    assert bus.recv(timeout=0) is None
+
+
+def test_classic_frames_are_not_told(port) -> None:
+    opened, bus, line = port
+    bus.send(can.Message(arbitration_id=0x100, data=b"\x21\x00\x0a", is_extended_id=False))
+    assert answers(opened, line, b"can on\ncan off\n", 2) == ["OK", "OK"]
+
+
+def talk(rig_file: Path, conversation: Callable[[Any, Any], Awaitable[None]]) -> None:
+    moteus = pytest.importorskip("moteus", reason="moteus is not installed; it comes with the extra 'strangers'")
+
+    async def over(path: str) -> None:
+        device = moteus.FdcanusbDevice(path)
+        try:
+            controller = moteus.Controller(id=3, transport=moteus.Transport(device))
+            await asyncio.wait_for(conversation(controller, moteus), 20.0)
+        finally:
+            device.close()
+
+    with serving("--rig", str(rig_file)) as server:
+        asyncio.run(over(str(server.ports["fdcanusb"])))
+
+
+def test_its_controller_turns_the_served_leg(tmp_path: Path) -> None:
+    rig_with(tmp_path, MOTEUS)
+
+    async def conversation(controller: Any, moteus: Any) -> None:
+        await controller.set_stop()
+        begun = (await controller.query()).values[moteus.Register.POSITION]
+        for _ in range(100):
+            state = await controller.set_position(position=math.nan, velocity=-0.2, watchdog_timeout=1.0, query=True)
+            await asyncio.sleep(0.005)
+        assert state.values[moteus.Register.MODE] == moteus.Mode.POSITION
+        assert state.values[moteus.Register.POSITION] < begun - 0.05
+        await controller.set_stop(query=True)
+        assert (await controller.query()).values[moteus.Register.MODE] == moteus.Mode.STOPPED
+
+    talk(tmp_path / "rig.toml", conversation)
+
+
+def test_its_controller_learns_that_the_served_drive_timed_out(tmp_path: Path) -> None:
+    rig_with(tmp_path, MOTEUS)
+
+    async def conversation(controller: Any, moteus: Any) -> None:
+        await controller.set_stop()
+        await controller.set_position(position=math.nan, watchdog_timeout=0.1, query=True)
+        await asyncio.sleep(0.3)
+        assert (await controller.query()).values[moteus.Register.MODE] == moteus.Mode.TIMEOUT
+        await controller.set_stop()
+
+    talk(tmp_path / "rig.toml", conversation)
