@@ -1,0 +1,84 @@
+"""rfca-rig doctor: finds buses, drives and sensors, and says which fix each red line needs."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from textwrap import wrap
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rfca_rig.cli.options import Json, Runs
+
+if TYPE_CHECKING:
+    from rfca_rig.description.rig_file import RigFile
+    from rfca_rig.doctor.finding import Finding
+
+WIDTH = 80
+COLOUR_WIDTH, SUBJECT_WIDTH = 8, 18
+INDENT = " " * (COLOUR_WIDTH + SUBJECT_WIDTH)
+COMMAND_INDENT = " " * 4
+
+RigToCheck = Annotated[
+    str | None, typer.Option("--rig", metavar="NAME|FILE", help="The rig to check: a name in calibration/, or a .toml file; else a scan.")
+]
+
+
+def doctor(rig: RigToCheck = None, runs: Runs = Path("runs"), as_json: Json = False) -> None:
+    """Check what a rig file names, or without one find what there is: buses, drives, sensors, this computer.
+
+    Nothing is sent that could turn the shaft; not to be used while a run is going on, for it takes over the sensor's stream.
+    Exit code 1 where something is red.
+    """
+    from rfca_rig.cli.places import find_file
+    from rfca_rig.clock import WallClock
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.doctor.finding import Colour
+    from rfca_rig.doctor.rig_checks import check_rig
+    from rfca_rig.doctor.scan import scan
+
+    described = None if rig is None else read_rig(find_file("calibration", rig))
+    clock = WallClock()
+    checks = scan(runs, clock) if described is None else check_rig(described, runs, clock)
+    findings = list(checks) if as_json else list(_told(_title(described), checks))
+    counts = {colour.value: sum(one.colour is colour for one in findings) for colour in Colour}
+    if as_json:
+        typer.echo(json.dumps({"title": _title(described), "findings": [asdict(one) for one in findings], **counts}, indent=2))
+    else:
+        typer.echo(", ".join(f"{count} {colour}" for colour, count in counts.items()))
+    if counts[Colour.RED]:
+        raise typer.Exit(1)
+
+
+def _title(rig: "RigFile | None") -> str:
+    if rig is None:
+        return "scan: no rig file, so nothing is known of what should be there"
+    return f"{'REAL' if rig.is_real else 'SIM'} {rig.rig.title}"
+
+
+def _told(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
+    """Each finding is printed before the next is looked for."""
+    typer.echo(title)
+    for finding in checks:
+        for line in _lines(finding):
+            typer.echo(line)
+        yield finding
+
+
+def _lines(finding: "Finding") -> Iterator[str]:
+    """At most 80 columns; colours only where a person watches, which typer finds out."""
+    first, *rest = wrap(finding.seen, WIDTH - len(INDENT), break_on_hyphens=False)
+    colour = typer.style(finding.colour.value, fg=finding.colour.value) + " " * (COLOUR_WIDTH - len(finding.colour.value))
+    yield f"{colour}{finding.subject:<{SUBJECT_WIDTH}}{first}"
+    yield from (INDENT + line for line in rest)
+    if finding.fix:
+        yield from (INDENT + line for line in wrap(f"fix: {finding.fix}", WIDTH - len(INDENT), break_on_hyphens=False))
+    for command in finding.commands:
+        yield from _command_lines(command)
+
+
+def _command_lines(command: str) -> list[str]:
+    """To be copied as it stands: a long one goes on in the next line as the shell has it."""
+    pieces = wrap(command, WIDTH - len(COMMAND_INDENT) - 2, break_long_words=False, break_on_hyphens=False)
+    return [COMMAND_INDENT + line for line in " \\\n".join(pieces).splitlines()]

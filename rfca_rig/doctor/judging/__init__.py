@@ -1,0 +1,1 @@
+"""Each check a pure function from what was seen to findings."""

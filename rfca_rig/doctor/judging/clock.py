@@ -1,0 +1,30 @@
+"""How steadily this computer keeps a loop of 2 ms, the one that feeds the drive's watchdog."""
+
+from dataclasses import dataclass
+
+from rfca_rig.doctor.finding import Finding, green, red, yellow
+
+SUBJECT = "clock"
+P99_LIMIT_S = 4e-3
+WORST_LIMIT_S = 20e-3
+
+
+@dataclass(frozen=True)
+class LoopSeen:
+    """From tick to tick, over a second: as asked for, the longest of 99 in 100, and the worst."""
+
+    period_s: float
+    p99_s: float
+    worst_s: float
+
+
+def judge_clock(seen: LoopSeen, watchdog_s: float | None) -> Finding:
+    """`watchdog_s` is the drive's; None where no drive hangs on the loop, as in simulated time."""
+    said = f"loop of {1e3 * seen.period_s:g} ms: worst gap {1e3 * seen.worst_s:.1f} ms, 99 % below {1e3 * seen.p99_s:.1f} ms"
+    fix = "close other programs, and keep the processor awake:"
+    command = "sudo cpupower frequency-set -g performance"
+    if watchdog_s is not None and seen.worst_s > watchdog_s / 2:
+        return red(SUBJECT, f"{said}; the drive's watchdog ends a run after {1e3 * watchdog_s:g} ms", fix, command)
+    if seen.worst_s > WORST_LIMIT_S or seen.p99_s > P99_LIMIT_S:
+        return yellow(SUBJECT, said, fix, command)
+    return green(SUBJECT, said)

@@ -1,0 +1,59 @@
+"""A CubeMars / T-Motor AK drive in servo mode: it sends its status on its own."""
+
+from dataclasses import dataclass
+
+from rfca_rig.codecs.cubemars_meanings import error_text
+from rfca_rig.codecs.cubemars_servo import Status
+from rfca_rig.doctor.finding import Finding, green, listed, red, yellow
+
+DRIVE, ERROR, ENCODER = "drive", "drive error", "drive's encoder"
+REFUSED, WORTH_A_WORD = 2.0, 1.2  # a period off by this factor
+
+
+@dataclass(frozen=True)
+class ServoSeen:
+    """`status` and `period_s` of the wanted drive; `others` sent status frames too, `strangers` counts frames that are none."""
+
+    status: Status | None = None
+    period_s: float | None = None
+    others: tuple[int, ...] = ()
+    strangers: int = 0
+    unreadable: str | None = None
+
+
+def judge_servo(seen: ServoSeen, drive_id: int, status_period_s: float) -> list[Finding]:
+    if seen.unreadable is not None:
+        return [red(DRIVE, f"drive {drive_id} cannot be understood: {seen.unreadable}", "set it to servo mode in CubeMarsTool")]
+    if seen.status is None:
+        return [_silent(seen, drive_id)]
+    said = green(DRIVE, f"AK drive {drive_id} in servo mode, {seen.status.temperature_degC} degC")
+    return [said, _error(seen.status), _period(seen.period_s, status_period_s)]
+
+
+def _silent(seen: ServoSeen, drive_id: int) -> Finding:
+    if seen.others:
+        fix = f"put drive_id = {seen.others[0]} under [motor], or set the drive's id in CubeMarsTool"
+        return red(DRIVE, f"heard drive {listed(seen.others)}, the rig file says {drive_id}", fix)
+    if seen.strangers:
+        fix = 'set it to servo mode in CubeMarsTool, or put device = "cubemars-mit" under [motor]'
+        return red(DRIVE, f"heard {seen.strangers} frames, none a status of servo mode", fix)
+    fix = "check its power, the wiring, the bit rate (1 Mbit/s), and in CubeMarsTool that it sends its status over CAN"
+    return red(DRIVE, "nothing at all heard on the bus", fix)
+
+
+def _error(status: Status) -> Finding:
+    if status.error:
+        return red(ERROR, error_text(status.error), "remove the cause, then switch the drive's power off and on")
+    return green(ERROR, "none")
+
+
+def _period(period_s: float | None, wanted_s: float) -> Finding:
+    if period_s is None:
+        return red(ENCODER, "too few status frames to tell their rate", f"set its upload rate to {1.0 / wanted_s:.0f} Hz in CubeMarsTool")
+    factor = max(period_s / wanted_s, wanted_s / period_s)
+    said = f"every {1e3 * period_s:.3g} ms"
+    if factor < WORTH_A_WORD:
+        return green(ENCODER, said)
+    fix = f"put status_period_ms = {1e3 * period_s:.3g} under [motor], or set its upload rate to {1.0 / wanted_s:.0f} Hz in CubeMarsTool"
+    judged = red if factor >= REFUSED else yellow
+    return judged(ENCODER, f"{said}, the rig file says {1e3 * wanted_s:g} ms", fix)

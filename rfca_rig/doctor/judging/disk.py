@@ -1,0 +1,42 @@
+"""The folder that runs go to: room, speed, and whether it may be written."""
+
+from dataclasses import dataclass
+
+from rfca_rig.doctor.finding import Finding, green, red, yellow
+
+SUBJECT = "disk for runs"
+LEAST_FREE_BYTES = 200_000_000
+GOOD_FREE_BYTES = 2_000_000_000
+LEAST_BYTES_S = 1_000_000  # a sensor at 15 kHz makes half of it
+GOOD_BYTES_S = 10_000_000
+
+
+@dataclass(frozen=True)
+class DiskSeen:
+    """`error` is why nothing could be written, None where it could."""
+
+    folder: str
+    free_bytes: int = 0
+    bytes_per_s: float = 0.0
+    error: str | None = None
+
+
+def judge_disk(seen: DiskSeen) -> Finding:
+    if seen.error is not None:
+        return red(
+            SUBJECT, f"{seen.folder} cannot be written: {seen.error}", "choose another folder with --runs, or make it yours:", _own(seen)
+        )
+    said = f"{seen.folder}: {seen.free_bytes / 1e9:.1f} GB free, writes {seen.bytes_per_s / 1e6:.0f} MB/s"
+    if seen.free_bytes < GOOD_FREE_BYTES:
+        judged = red if seen.free_bytes < LEAST_FREE_BYTES else yellow
+        return judged(
+            SUBJECT, said, "make room, or choose another disk with --runs; the largest folders:", f"du -sh {seen.folder}/* | sort -h"
+        )
+    if seen.bytes_per_s < GOOD_BYTES_S:
+        judged = red if seen.bytes_per_s < LEAST_BYTES_S else yellow
+        return judged(SUBJECT, said, "choose a local disk with --runs, not a network or USB one; the disks there are:", "df -h .")
+    return green(SUBJECT, said)
+
+
+def _own(seen: DiskSeen) -> str:
+    return f"sudo chown -R $USER {seen.folder}"

@@ -1,0 +1,114 @@
+"""An ATI Net F/T: does its box answer, is it set as the rig file says, do records come, how many, in what state."""
+
+from dataclasses import dataclass
+
+from rfca_rig.codecs.netbox_status import ERROR, MONITOR_LATCHED, SATURATED, WARNINGS, status_text
+from rfca_rig.codecs.netft_commands import CalibrationInfo
+from rfca_rig.codecs.netft_configuration import NetFtConfiguration
+from rfca_rig.doctor.finding import Finding, green, red, yellow
+from rfca_rig.drivers.netft import NetFtSettings
+from rfca_rig.drivers.netft_box import refuse_difference
+from rfca_rig.errors import RigError
+
+BOX, STREAM, RATE, STATUS = "sensor's box", "sensor's records", "sensor's rate", "sensor's status"
+SATURATED_BIT = SATURATED & ~ERROR
+
+
+@dataclass(frozen=True)
+class BoxSeen:
+    """`says` is None where it gave no configuration, for the reason in `error`."""
+
+    host: str
+    says: NetFtConfiguration | CalibrationInfo | None = None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class StreamSeen:
+    """A short stream: records and what went wrong with them. `step` is the sensor's own samples from record to record.
+
+    `words` are the different status words; `error` is how the way there failed, None where it did not.
+    """
+
+    address: str
+    seconds: float
+    error: str | None = None
+    received: int = 0
+    lost: int = 0
+    malformed: int = 0
+    step: int | None = None
+    words: tuple[int, ...] = ()
+
+
+def judge_box(seen: BoxSeen, settings: NetFtSettings) -> Finding:
+    if seen.says is None:
+        return red(BOX, seen.error, _reach(seen.host), f"ping -c 3 {seen.host}", "ip -brief address")
+    try:
+        refuse_difference(seen.says, settings, f"the box at {seen.host}")
+    except RigError as difference:
+        return red(BOX, str(difference), f"change [force_sensor] in the rig file, or the box at http://{seen.host}/ under Configurations")
+    return green(BOX, f"{_name(seen.says)}set as the rig file says ({settings.counts_per_N:g} counts/N, {settings.rate_Hz:g} records/s)")
+
+
+def judge_stream(seen: StreamSeen, settings: NetFtSettings, box_answers: bool | None) -> list[Finding]:
+    """`box_answers` is None where the box was not asked."""
+    if not seen.received:
+        return [_no_records(seen, box_answers)]
+    return [_records(seen), _rate(seen, settings), _status(seen.words)]
+
+
+def _name(says: NetFtConfiguration | CalibrationInfo) -> str:
+    return f"{says.product} {says.serial_number}, " if isinstance(says, NetFtConfiguration) else ""
+
+
+def _reach(host: str) -> str:
+    return (
+        f"check the sensor's power and cable, host and ports under [force_sensor], and that this computer has an address in the network "
+        f"of {host}:"
+    )
+
+
+def _no_records(seen: StreamSeen, box_answers: bool | None) -> Finding:
+    host, _, port = seen.address.rpartition(":")
+    if seen.malformed:
+        return red(STREAM, f"{seen.malformed} datagrams from {seen.address}, none with records", "check port under [force_sensor]")
+    said = f"none from {seen.address} in {seen.seconds:.1f} s" + ("" if seen.error is None else f": {seen.error}")
+    if box_answers and seen.error is None:
+        fix = (
+            "the box answers, so check that RDT is enabled on its Communications page, that nobody else took the stream, and the firewall:"
+        )
+        return red(STREAM, said, fix, f"sudo ufw allow proto udp from {host}")
+    if box_answers:
+        return red(STREAM, said, f"the box answers, but not on UDP port {port}: correct port under [force_sensor], it is mostly 49152")
+    return red(STREAM, said, _reach(host), f"ping -c 3 {host}", "ip -brief address")
+
+
+def _records(seen: StreamSeen) -> Finding:
+    said = f"{seen.received} in {seen.seconds:.1f} s from {seen.address}"
+    if seen.lost or seen.malformed:
+        fix = "see the receive buffer below; use a network port of its own for the sensor, without a switch that others load"
+        return yellow(STREAM, f"{said}, {seen.lost} lost, {seen.malformed} malformed", fix)
+    return green(STREAM, f"{said}, none lost")
+
+
+def _rate(seen: StreamSeen, settings: NetFtSettings) -> Finding:
+    if not seen.step or seen.step < 0:
+        fix = "switch the box's power off and on; if it stays, see its status page"
+        return red(RATE, "the sensor's own sample counter stands still: the values are not new", fix)
+    rate_Hz = settings.internal_rate_Hz / seen.step
+    if seen.step == settings.decimation:
+        return green(RATE, f"{rate_Hz:.6g} records/s")
+    fix = f"put rate_Hz = {rate_Hz:.6g} under [force_sensor], or set the RDT output rate on the box's Communications page"
+    return red(RATE, f"{rate_Hz:.6g} records/s, the rig file says {settings.rate_Hz:g}", fix)
+
+
+def _status(words: tuple[int, ...]) -> Finding:
+    faulty = [word for word in words if word not in WARNINGS]
+    if any(word & SATURATED_BIT for word in faulty):
+        fix = "take every load off the sensor; if it stays, check the transducer's cable, then a gage is broken: have it looked at by ATI"
+        return red(STATUS, status_text(faulty[0]), fix)
+    if faulty:
+        return red(STATUS, status_text(faulty[0]), "switch the box's power off and on; if it stays, see its status page and the manual")
+    if any(word & MONITOR_LATCHED for word in words):
+        return yellow(STATUS, status_text(max(words)), "reset the latch on the box's Settings page; the values are good")
+    return green(STATUS, "healthy")

@@ -1,0 +1,122 @@
+"""An ODrive: does it answer under its node id, in what state, how often does it report."""
+
+from dataclasses import dataclass
+
+from rfca_rig.codecs import odrive_meanings, odrive_older_meanings
+from rfca_rig.codecs.odrive_meanings import state_text
+from rfca_rig.codecs.odrive_messages import BROADCAST_NODE, AxisState, Dialect, Heartbeat, PartError
+from rfca_rig.doctor.finding import Finding, green, listed, red, yellow
+
+DRIVE, ERROR, ENCODER, TORQUE = "drive", "drive error", "drive's encoder", "drive's torque"
+REFUSED, WORTH_A_WORD = 2.0, 1.2  # a period off by this factor
+SAVE = "odrv0.save_configuration()"
+WATCHDOG = {Dialect.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, Dialect.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
+ERROR_TEXT = {Dialect.V0_5: odrive_older_meanings.error_text, Dialect.V0_6: odrive_meanings.error_text}
+
+
+@dataclass(frozen=True)
+class OdriveWanted:
+    """As the rig file says."""
+
+    node_id: int
+    encoder_period_s: float
+    dialect: Dialect = Dialect.V0_6
+
+
+@dataclass(frozen=True)
+class OdriveSeen:
+    """What was heard from the wanted node, and `others`: nodes that spoke as ODrives do. `period_s` is that of encoder estimates.
+
+    `strangers` counts frames of other protocols; `unreadable` is why a frame of the wanted node could not be read.
+    """
+
+    others: tuple[int, ...] = ()
+    strangers: int = 0
+    own_frames: int = 0
+    beat: Heartbeat | None = None
+    period_s: float | None = None
+    torques: int = 0
+    firmware: str | None = None
+    part_errors: tuple[PartError, ...] = ()
+    unreadable: str | None = None
+
+
+def judge_odrive(seen: OdriveSeen, wanted: OdriveWanted) -> list[Finding]:
+    if seen.own_frames == 0:
+        return [_not_heard(seen, wanted)]
+    if seen.unreadable is not None:
+        return [red(DRIVE, f"node {wanted.node_id} cannot be understood: {seen.unreadable}", "check dialect under [motor]")]
+    if seen.beat is None:
+        return [
+            red(
+                DRIVE, f"node {wanted.node_id} speaks, but has no heartbeat", "set it, in odrivetool:", _set("heartbeat", 100, wanted), SAVE
+            )
+        ]
+    return [_identity(seen, wanted), _error(seen, seen.beat, wanted), _encoder(seen, wanted), _torque(seen, wanted)]
+
+
+def _not_heard(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
+    addressed = tuple(node for node in seen.others if node != BROADCAST_NODE)
+    tell = (f"odrv0.axis0.config.can.node_id = {wanted.node_id}", SAVE)
+    if addressed:
+        fix = f"put node_id = {addressed[0]} under [motor], or tell the drive, in odrivetool:"
+        return red(DRIVE, f"heard node {listed(addressed)}, the rig file says {wanted.node_id}", fix, *tell)
+    if seen.others:
+        return red(DRIVE, "heard a drive that has no address yet", "give it one, in odrivetool:", *tell)
+    if seen.strangers:
+        return red(DRIVE, f"heard {seen.strangers} frames, none as an ODrive speaks", "check device and bitrate under [motor]")
+    fix = "check the drive's power, the CAN wiring, a 120 ohm resistor at both ends, and the drive's bit rate; in odrivetool:"
+    return red(DRIVE, "nothing at all heard on the bus", fix, "odrv0.can.config.baud_rate")
+
+
+def _identity(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
+    firmware = "" if seen.firmware is None else f", firmware {seen.firmware}"
+    others = f"; also heard node {listed(seen.others)}" if seen.others else ""
+    said = f"ODrive, node {wanted.node_id}{firmware}{others}"
+    if wanted.dialect == Dialect.V0_5 and seen.firmware is not None:
+        return red(DRIVE, f"{said}: only firmware 0.6 tells its version", 'put dialect = "0.6" under [motor]')
+    return green(DRIVE, said)
+
+
+def _error(seen: OdriveSeen, beat: Heartbeat, wanted: OdriveWanted) -> Finding:
+    parts = {error.part: odrive_older_meanings.part_error_text(error.part, error.word) for error in seen.part_errors}
+    told = "; ".join([ERROR_TEXT[wanted.dialect](beat.error), *(parts.get(part, f"{part} error") for part in beat.failed)])
+    if beat.error == WATCHDOG[wanted.dialect] and not beat.failed:
+        return yellow(ERROR, told, "nothing else is wrong: the next run clears it; by hand, in odrivetool:", "odrv0.clear_errors()")
+    if beat.error or beat.failed:
+        return red(ERROR, told, "remove the cause, then clear it, in odrivetool:", "odrv0.clear_errors()")
+    if beat.state != AxisState.IDLE:
+        said = f"no error, but the drive is not idle: {state_text(beat.state)}"
+        return yellow(ERROR, said, "end the program that runs it, or in odrivetool:", "odrv0.axis0.requested_state = AxisState.IDLE")
+    return green(ERROR, f"none, {state_text(beat.state)}")
+
+
+def _encoder(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
+    wanted_ms = 1e3 * wanted.encoder_period_s
+    commands = (_set("encoder", wanted_ms, wanted), SAVE)
+    if seen.period_s is None:
+        return red(ENCODER, "no steady encoder estimates", "set their period, in odrivetool:", *commands)
+    factor = max(seen.period_s / wanted.encoder_period_s, wanted.encoder_period_s / seen.period_s)
+    said = f"every {1e3 * seen.period_s:.3g} ms"
+    if factor < WORTH_A_WORD:
+        return green(ENCODER, said)
+    judged = red if factor >= REFUSED else yellow
+    fix = f"put encoder_period_ms = {1e3 * seen.period_s:.3g} under [motor], or tell the drive, in odrivetool:"
+    return judged(ENCODER, f"{said}, the rig file says {wanted_ms:g} ms", fix, *commands)
+
+
+def _torque(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
+    if seen.torques:
+        return green(TORQUE, "reported")
+    message = "iq" if wanted.dialect == Dialect.V0_5 else "torques"
+    fix = (
+        "set its period, in odrivetool:"
+        if wanted.dialect == Dialect.V0_5
+        else 'put dialect = "0.5" if its firmware is, else in odrivetool:'
+    )
+    return red(TORQUE, f"no {message} messages", fix, _set(message, 1e3 * wanted.encoder_period_s, wanted), SAVE)
+
+
+def _set(message: str, period_ms: float, wanted: OdriveWanted) -> str:
+    infix = "" if wanted.dialect == Dialect.V0_5 else "_msg"
+    return f"odrv0.axis0.config.can.{message}{infix}_rate_ms = {round(period_ms)}"

@@ -1,0 +1,42 @@
+"""Streams from an F/T Controller for a moment, through its driver; never sends a bias."""
+
+from rfca_rig.clock import Clock
+from rfca_rig.doctor.judging.ati_serial import ControllerSeen
+from rfca_rig.drivers.ati_serial import AtiSerialSensor, AtiSerialSettings
+from rfca_rig.drivers.serial_port import open_port
+from rfca_rig.errors import DeviceError
+
+POLL_S = 5e-3
+STREAM_S = 1.0
+
+
+def look_at_controller(path: str, settings: AtiSerialSettings, clock: Clock) -> ControllerSeen:
+    try:
+        port = open_port(path, settings.bits_per_s)
+    except DeviceError as error:
+        return ControllerSeen(path, str(error))
+    try:
+        return _streamed(path, AtiSerialSensor(port, clock, settings), clock)
+    except DeviceError as error:
+        return ControllerSeen(path, str(error))
+    finally:
+        port.close()
+
+
+def _streamed(path: str, sensor: AtiSerialSensor, clock: Clock) -> ControllerSeen:
+    """The rate is counted from the first record on; the driver's own check of it needs longer."""
+    sensor.start()
+    first_s = last_s = None
+    times = 0
+    until_s = clock.now_s() + STREAM_S
+    while clock.now_s() < until_s:
+        clock.wait_until(clock.now_s() + POLL_S)
+        arrived = len(sensor.read().sequence)
+        if arrived and first_s is None:
+            first_s = clock.now_s()
+        elif arrived and first_s is not None:
+            last_s, times = clock.now_s(), times + arrived
+    sensor.stop()
+    health = sensor.health()
+    rate_Hz = times / (last_s - first_s) if first_s is not None and last_s is not None else 0.0
+    return ControllerSeen(path, None, STREAM_S, health.received, rate_Hz, tuple(health.notes))

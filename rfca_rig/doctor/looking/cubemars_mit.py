@@ -1,0 +1,53 @@
+"""Listens for an AK drive in MIT mode, and asks it, on a bus that was quiet, by the frame that switches the motor off.
+
+The mode has no frame that only asks. EXIT can take torque away but never give any; it is not sent where others speak, because
+somebody may be using the drive.
+"""
+
+from collections.abc import Sequence
+
+import can
+
+from rfca_rig.codecs import cubemars_servo
+from rfca_rig.codecs.cubemars_mit import MitReply, Special, decode_reply, encode_special
+from rfca_rig.codecs.cubemars_ranges import MitRanges
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.doctor.judging.cubemars_mit import MitSeen
+from rfca_rig.doctor.looking.can_bus import LISTEN_S, HeardFrame, Listener
+
+ANSWER_S = 0.1
+
+
+def look_for_mit(listener: Listener, drive_id: int, ranges: MitRanges) -> MitSeen:
+    listener.listen(LISTEN_S)
+    asked = not listener.frames
+    if asked:
+        listener.ask(can.Message(arbitration_id=drive_id, data=encode_special(Special.EXIT), is_extended_id=False))
+        listener.listen(ANSWER_S)
+    return mit_seen(listener.frames, drive_id, ranges, asked)
+
+
+def mit_seen(frames: Sequence[HeardFrame], drive_id: int, ranges: MitRanges, asked: bool) -> MitSeen:
+    """What these frames say. A command to the drive, which an adapter may give back, is no reply."""
+    reply: MitReply | None = None
+    unreadable: str | None = None
+    others, masters, servo = set[int](), set[int](), set[int]()
+    for message in (heard.message for heard in frames):
+        identifier, data = message.arbitration_id, message.data
+        if message.is_extended_id:
+            if identifier >> 8 == cubemars_servo.Packet.STATUS:
+                servo.add(cubemars_servo.drive_of(identifier))
+        elif data and identifier in {0, drive_id} and data[0] == drive_id:
+            reply, unreadable = _decoded(ranges, data, reply)
+        elif data and data[0] == drive_id:
+            masters.add(identifier)
+        elif data and identifier != drive_id:
+            others.add(data[0] if identifier == 0 else identifier)
+    return MitSeen(asked, reply, tuple(sorted(others)), tuple(sorted(masters)), tuple(sorted(servo)), unreadable)
+
+
+def _decoded(ranges: MitRanges, data: bytes | bytearray, before: MitReply | None) -> tuple[MitReply | None, str | None]:
+    try:
+        return decode_reply(ranges, data), None
+    except MalformedFrame as error:
+        return before, str(error)

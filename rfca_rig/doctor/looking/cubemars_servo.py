@@ -1,0 +1,39 @@
+"""Listens for AK drives in servo mode; sends nothing."""
+
+from collections.abc import Sequence
+
+from rfca_rig.codecs import cubemars_servo
+from rfca_rig.codecs.cubemars_servo import Packet, Status
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.doctor.judging.cubemars_servo import ServoSeen
+from rfca_rig.doctor.looking.can_bus import LISTEN_S, HeardFrame, Listener, period_s
+
+
+def look_for_servo(listener: Listener, drive_id: int) -> ServoSeen:
+    return servo_seen(listener.listen(LISTEN_S), drive_id)
+
+
+def servo_seen(frames: Sequence[HeardFrame], drive_id: int) -> ServoSeen:
+    """What these frames say."""
+    is_status = {True: list[HeardFrame](), False: list[HeardFrame]()}
+    for heard in frames:
+        is_status[heard.message.is_extended_id and heard.message.arbitration_id >> 8 == Packet.STATUS].append(heard)
+    own = [heard for heard in is_status[True] if _drive(heard) == drive_id]
+    others = tuple(sorted({_drive(heard) for heard in is_status[True]} - {drive_id}))
+    status, unreadable = _last_status(own)
+    return ServoSeen(status, period_s(own), others, len(is_status[False]), unreadable)
+
+
+def _drive(heard: HeardFrame) -> int:
+    return cubemars_servo.drive_of(heard.message.arbitration_id)
+
+
+def _last_status(own: Sequence[HeardFrame]) -> tuple[Status | None, str | None]:
+    if not own:
+        return None, None
+    message = own[-1].message
+    try:
+        status = cubemars_servo.decode(message.arbitration_id, message.data)
+    except MalformedFrame as error:
+        return None, str(error)
+    return (status if isinstance(status, Status) else None), None

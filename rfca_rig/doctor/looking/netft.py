@@ -1,0 +1,82 @@
+"""Asks a Net F/T for its configuration, and streams from it for a moment; never sends a bias."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rfca_rig.clock import Clock
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.codecs.rdt import RdtCommand, Records, decode_records, encode_request
+from rfca_rig.doctor.judging.netft import BoxSeen, StreamSeen
+from rfca_rig.drivers.blocks import join
+from rfca_rig.drivers.datagrams import Datagrams, UdpDatagrams
+from rfca_rig.drivers.netft_box import Box
+from rfca_rig.drivers.record_sequence import RecordSequence
+from rfca_rig.errors import DeviceError
+
+POLL_S = 2e-3
+QUIET_S = 0.02
+STREAM_S = 0.5
+
+
+def look_at_box(host: str, box: Box) -> BoxSeen:
+    try:
+        return BoxSeen(host, box.says())
+    except DeviceError as error:
+        return BoxSeen(host, None, str(error))
+
+
+def look_at_stream(host: str, port: int, buffered: bool, clock: Clock) -> StreamSeen:
+    """Takes the stream from whoever has it, and ends it."""
+    address = f"{host}:{port}"
+    try:
+        datagrams = UdpDatagrams(host, port)
+    except DeviceError as error:
+        return StreamSeen(address, 0.0, str(error))
+    try:
+        arrived = _streamed(datagrams, buffered, clock)
+    except DeviceError as error:
+        return StreamSeen(address, STREAM_S, str(error))
+    finally:
+        datagrams.close()
+    return stream_seen(address, STREAM_S, arrived)
+
+
+def _streamed(datagrams: Datagrams, buffered: bool, clock: Clock) -> list[bytes]:
+    """What comes in `STREAM_S`, after what an earlier stream still had on the way."""
+    datagrams.send(encode_request(RdtCommand.STOP))
+    clock.wait_until(clock.now_s() + QUIET_S)
+    datagrams.receive_all()
+    datagrams.send(encode_request(RdtCommand.START_BUFFERED if buffered else RdtCommand.START_SINGLE))
+    arrived: list[bytes] = []
+    until_s = clock.now_s() + STREAM_S
+    while clock.now_s() < until_s:
+        clock.wait_until(clock.now_s() + POLL_S)
+        arrived += datagrams.receive_all()
+    datagrams.send(encode_request(RdtCommand.STOP))
+    return arrived
+
+
+def stream_seen(address: str, seconds: float, datagrams: Sequence[bytes]) -> StreamSeen:
+    """What these datagrams say."""
+    blocks: list[Records] = []
+    malformed = 0
+    for datagram in datagrams:
+        try:
+            blocks.append(decode_records(datagram))
+        except MalformedFrame:
+            malformed += 1
+    if not blocks:
+        return StreamSeen(address, seconds, malformed=malformed)
+    records, sequence = join(blocks), RecordSequence()
+    picked, numbers = sequence.take(records.rdt_sequence)
+    steps = np.diff(records.ft_sequence[picked]).view(np.int32)[np.diff(numbers) == 1]
+    return StreamSeen(
+        address=address,
+        seconds=seconds,
+        received=sequence.received,
+        lost=sequence.lost,
+        malformed=malformed,
+        step=int(np.median(steps)) if len(steps) else None,
+        words=tuple(np.unique(records.status).tolist()),
+    )

@@ -1,0 +1,61 @@
+"""Whatever is heard on a bus, the looking says something about it; and whatever is said fits the terminal."""
+
+import re
+
+import can
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rfca_rig.cli.doctoring import WIDTH, _lines
+from rfca_rig.codecs.cubemars_ranges import mit_ranges
+from rfca_rig.codecs.odrive_messages import Dialect
+from rfca_rig.doctor.finding import red
+from rfca_rig.doctor.judging.cubemars_mit import judge_mit
+from rfca_rig.doctor.judging.cubemars_servo import judge_servo
+from rfca_rig.doctor.judging.moteus import judge_moteus
+from rfca_rig.doctor.judging.netft import judge_stream
+from rfca_rig.doctor.judging.odrive import OdriveWanted, judge_odrive
+from rfca_rig.doctor.looking.can_bus import HeardFrame
+from rfca_rig.doctor.looking.cubemars_mit import mit_seen
+from rfca_rig.doctor.looking.cubemars_servo import servo_seen
+from rfca_rig.doctor.looking.moteus import moteus_seen
+from rfca_rig.doctor.looking.netft import stream_seen
+from rfca_rig.doctor.looking.odrive import odrive_seen
+from rfca_rig.drivers.netft import NetFtSettings
+from tests.doctor.said import whole
+
+IDS = st.one_of(st.integers(0, 0x7FF), st.integers(0, 0x1FFFFFFF), st.integers(0x2900, 0x2902), st.integers(0x20, 0x3F))
+DATA = st.one_of(st.binary(max_size=8), st.binary(min_size=8, max_size=8), st.binary(min_size=16, max_size=16))
+
+
+@st.composite
+def heard(draw) -> HeardFrame:
+    identifier, data = draw(IDS), draw(DATA)
+    extended = identifier > 0x7FF or draw(st.booleans())
+    message = can.Message(arbitration_id=identifier, data=data, is_extended_id=extended, is_fd=len(data) > 8)
+    return HeardFrame(draw(st.floats(0.0, 1.0)), message)
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.lists(heard(), max_size=20).map(lambda frames: sorted(frames, key=lambda one: one.at_s)))
+def test_any_frames_are_judged(frames):
+    for dialect in Dialect:
+        wanted = OdriveWanted(1, 2e-3, dialect)
+        assert all(whole(one) for one in judge_odrive(odrive_seen(frames, wanted), wanted))
+    for asked in (True, False):
+        assert all(whole(one) for one in judge_mit(mit_seen(frames, 1, mit_ranges("AK80-9"), asked), 1))
+    assert all(whole(one) for one in judge_servo(servo_seen(frames, 1), 1, 2e-3))
+    assert all(whole(one) for one in judge_moteus(moteus_seen(frames, 1, 0), 1))
+
+
+@given(st.lists(st.one_of(st.binary(max_size=80), st.binary(min_size=36, max_size=36)), max_size=10))
+def test_any_datagrams_are_judged(datagrams):
+    assert all(whole(one) for one in judge_stream(stream_seen("h:1", 0.5, datagrams), NetFtSettings(), True))
+
+
+@given(st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=300).filter(str.strip))
+def test_any_finding_fits_the_terminal(text):
+    words = " ".join(word[:60] for word in text.split())
+    lines = [re.sub(r"\x1b\[[0-9;]*m", "", line) for line in _lines(red("subject", text, text, words))]
+    assert max(map(len, lines)) <= WIDTH
+    assert lines[0].startswith("red     subject ")

@@ -1,0 +1,129 @@
+"""This computer: judged as if it had been measured, and really looked at."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from rfca_rig.clock import WallClock
+from rfca_rig.doctor.judging.clock import LoopSeen, judge_clock
+from rfca_rig.doctor.judging.compiled_cache import CacheSeen, judge_compiled_cache
+from rfca_rig.doctor.judging.disk import DiskSeen, judge_disk
+from rfca_rig.doctor.judging.packages import PackageSeen, judge_packages
+from rfca_rig.doctor.judging.receive_buffer import judge_receive_buffer
+from rfca_rig.doctor.looking.can_interface import look_at_can_interface
+from rfca_rig.doctor.looking.computer import (
+    granted_receive_buffer,
+    look_at_clock,
+    look_at_compiled_cache,
+    look_at_disk,
+    look_at_packages,
+)
+from rfca_rig.doctor.looking.serial_port import look_at_serial_port
+from rfca_rig.twin_server.pseudo_terminal import PseudoTerminal
+from tests.doctor.said import whole
+
+
+@pytest.mark.parametrize(
+    ("p99_ms", "worst_ms", "watchdog_s", "colour"),
+    [
+        (2.3, 6.0, 0.1, "green"),
+        (5.0, 6.0, 0.1, "yellow"),
+        (2.3, 40.0, 0.1, "yellow"),
+        (2.3, 60.0, 0.1, "red"),
+        (2.3, 40.0, 0.05, "red"),
+        (2.3, 600.0, None, "yellow"),
+    ],
+)
+def test_the_clock_is_judged_by_the_watchdog_that_hangs_on_it(p99_ms, worst_ms, watchdog_s, colour):
+    finding = judge_clock(LoopSeen(2e-3, 1e-3 * p99_ms, 1e-3 * worst_ms), watchdog_s)
+    assert finding.colour == colour
+    assert f"worst gap {worst_ms:.1f} ms" in whole(finding)
+
+
+@pytest.mark.parametrize(
+    ("seen", "colour", "says"),
+    [
+        (DiskSeen("runs", 50_000_000_000, 3e8), "green", "50.0 GB free, writes 300 MB/s"),
+        (DiskSeen("runs", 1_000_000_000, 3e8), "yellow", "du -sh runs/* | sort -h"),
+        (DiskSeen("runs", 100_000_000, 3e8), "red", "make room"),
+        (DiskSeen("runs", 50_000_000_000, 4e6), "yellow", "local disk"),
+        (DiskSeen("runs", 50_000_000_000, 4e5), "red", "local disk"),
+        (DiskSeen("runs", error="Permission denied"), "red", "runs cannot be written: Permission denied"),
+    ],
+)
+def test_a_disk_is_judged(seen, colour, says):
+    finding = judge_disk(seen)
+    assert finding.colour == colour
+    assert says in whole(finding)
+
+
+def test_a_small_receive_buffer_is_told_in_milliseconds_with_the_line_that_raises_it():
+    finding = judge_receive_buffer(2 * 212_992, 4 << 20, 15_000.0)
+    assert finding.colour == "yellow"
+    assert "34 ms of single records" in finding.seen  # 512 datagrams of one record
+    assert finding.commands == ("sudo sysctl -w net.core.rmem_max=4194304",)
+    assert judge_receive_buffer(8 << 20, 4 << 20, 15_000.0).colour == "green"
+    assert granted_receive_buffer() > 0
+
+
+def test_packages_that_do_not_fit_are_named_as_pip_takes_them():
+    good = PackageSeen("numpy", "numpy>=1.26", "2.1.0", True)
+    missing, old = PackageSeen("h5py", "h5py>=3.10", None, False), PackageSeen("scipy", "scipy>=1.11", "1.9", False)
+    finding = judge_packages((good, missing, old), "3.11", "0.1.0")
+    assert finding.commands == ('pip install "h5py>=3.10" "scipy>=1.11"',)
+    assert "h5py is missing, scipy 1.9" in whole(finding)
+    assert judge_packages((good,), "3.11", "0.1.0").colour == "green"
+    seen = {package.name: package for package in look_at_packages()}
+    assert seen["numpy"].fits and seen["numpy"].version == sys.modules["numpy"].__version__
+    assert "mujoco" not in seen
+
+
+def test_the_loop_that_was_asked_for_is_the_loop_that_is_measured():
+    seen = look_at_clock(WallClock())
+    assert 2e-3 <= seen.p99_s <= seen.worst_s < 1.0
+
+
+def test_a_folder_that_is_not_there_yet_is_measured_where_it_would_be_made(tmp_path):
+    seen = look_at_disk(tmp_path / "not" / "yet", WallClock())
+    assert seen.error is None and seen.free_bytes > 0 and seen.bytes_per_s > 0
+    assert list(tmp_path.iterdir()) == []
+    cache = look_at_compiled_cache(tmp_path / "compiled")
+    assert (cache.error, cache.is_warm) == (None, False)
+    assert judge_compiled_cache(cache).colour == "green"
+
+
+def test_a_folder_that_cannot_be_written_is_red():
+    nowhere = Path("/proc/rfca-rig")
+    assert judge_disk(look_at_disk(nowhere, WallClock())).colour == "red"
+    finding = judge_compiled_cache(look_at_compiled_cache(nowhere))
+    assert "export NUMBA_CACHE_DIR=" in whole(finding)
+    assert judge_compiled_cache(CacheSeen("there", True)).colour == "green"
+
+
+def made_interface(network: Path, name: str, kind: int, flags: str, mtu: int) -> None:
+    folder = network / name
+    folder.mkdir()
+    for file, text in (("type", str(kind)), ("flags", flags), ("mtu", str(mtu))):
+        (folder / file).write_text(f"{text}\n")
+
+
+def test_what_the_kernel_says_of_interfaces_is_read(tmp_path):
+    made_interface(tmp_path, "eth0", 1, "0x1003", 1500)
+    made_interface(tmp_path, "can0", 280, "0x40080", 16)
+    made_interface(tmp_path, "can1", 280, "0x400c1", 72)
+    down, up = (look_at_can_interface(name, tmp_path) for name in ("can0", "can1"))
+    assert (down.exists, down.is_can, down.is_up, down.is_fd, down.others) == (True, True, False, False, ("can1",))
+    assert (up.is_up, up.is_fd) == (True, True)
+    assert not look_at_can_interface("eth0", tmp_path).is_can
+    absent = look_at_can_interface("can7", tmp_path)
+    assert (absent.exists, absent.others) == (False, ("can0", "can1"))
+
+
+def test_a_serial_port_is_looked_at():
+    line = PseudoTerminal()
+    try:
+        assert look_at_serial_port(line.path).may_open
+    finally:
+        line.close()
+    assert not look_at_serial_port("/dev/there-is-none").exists

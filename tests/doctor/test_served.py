@@ -1,0 +1,156 @@
+"""The whole command over loopback, where the far ends of the wires are the twin server."""
+
+import json
+import re
+import time
+
+import pytest
+
+from rfca_rig.cli.doctoring import WIDTH
+from tests.cli.typed import Said, typed
+from tests.engine.rigs import ROOT
+from tests.twin_server.server import Server, serving
+from tests.twin_server.test_other_devices import rig_text
+
+
+@pytest.fixture(scope="module")
+def server():
+    with serving() as served:
+        yield served
+
+
+@pytest.fixture
+def told(server, monkeypatch, capsys, tmp_path):
+    """`told(server, **changed)` runs the command on a real rig's file with these addresses; what is `changed` stands otherwise."""
+    monkeypatch.setenv("CAN_CONFIG", json.dumps({"host": server.host, "port": server.ports["can_port"]}))
+    server.told("off all")
+
+    def run(*options: str, **changed: str) -> Said:
+        file = tmp_path / "real.toml"
+        file.write_text(written(server, changed))
+        return typed(monkeypatch, capsys, "doctor", "--rig", file, "--runs", tmp_path, *options)
+
+    return run
+
+
+def written(server: Server, changed: dict[str, str]) -> str:
+    text = (ROOT / "calibration" / "twin.toml").read_text().partition("[twin]")[0].replace('kind = "twin"', 'kind = "real"')
+    motor = '[motor]\ninterface = "socketcand"\nchannel = "can0"\n'
+    sensor = f'[force_sensor]\nhost = "{server.host}"\nport = {server.rdt[1]}\nhttp_port = {server.ports["http_port"]}\n'
+    text = text.replace("[motor]\n", motor).replace("[force_sensor]\n", sensor)
+    for key, value in changed.items():
+        text, count = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value}", text)
+        assert count == 1, key
+    return text
+
+
+def by_subject(said: Said) -> dict[str, dict[str, object]]:
+    return {one["subject"]: one for one in json.loads(said.out)["findings"]}
+
+
+DRIVE = ("CAN bus", "drive", "drive error", "drive's encoder", "drive's torque")
+SENSOR = ("sensor's box", "sensor's records", "sensor's rate", "sensor's status")
+
+
+def test_a_healthy_rig_has_a_green_drive_and_sensor(told):
+    """The clock and the rate of a loaded machine are the machine's own affair, and worth a second look."""
+    for _ in range(3):
+        said = told("--json")
+        seen = by_subject(said)
+        if all(seen.get(name, {}).get("colour") == "green" for name in (*DRIVE, *SENSOR)):
+            break
+    assert {name: seen[name]["colour"] for name in (*DRIVE, *SENSOR)} == dict.fromkeys((*DRIVE, *SENSOR), "green"), said.out
+    assert {"receive buffer", "clock", "disk for runs", "python packages", "compiled code"} < seen.keys()
+    assert said.exit_code == (json.loads(said.out)["red"] > 0)
+
+
+def test_a_wrong_node_id_is_named_with_its_remedy_within_80_columns(told):
+    said = told(node_id="5")
+    assert said.exit_code == 1
+    assert re.search(r"^red     drive             heard node 0, the rig file says 5$", said.out, re.MULTILINE)
+    assert "\n    odrv0.axis0.config.can.node_id = 5\n" in said.out
+    assert max(map(len, said.out.splitlines())) <= WIDTH
+    assert "\x1b" not in said.out
+    assert said.out.startswith("REAL ")
+    assert re.search(r"\d+ green, \d+ yellow, [1-9]\d* red\n$", said.out)
+
+
+def test_a_silent_drive_is_told(told, server):
+    assert server.told("on can-silent") == "ok\n"
+    said = by_subject(told("--json"))
+    assert said["drive"]["colour"] == "red"
+    assert said["drive"]["seen"] == "nothing at all heard on the bus"
+    assert "power" in said["drive"]["fix"]
+
+
+def test_a_sensor_on_another_port_is_unreachable(told, server):
+    said = by_subject(told("--json", port="9"))
+    assert said["sensor's records"]["colour"] == "red"
+    assert "the box answers, but not on UDP port 9" in said["sensor's records"]["fix"]
+    nobody = by_subject(told("--json", port="9", http_port="9"))
+    assert nobody["sensor's box"]["colour"] == "red"
+    assert "Connection refused" in nobody["sensor's box"]["seen"]
+    assert f"ping -c 3 {server.host}" in nobody["sensor's records"]["commands"]
+
+
+def test_a_box_set_otherwise_and_a_sensor_beyond_its_range_are_told(told, server):
+    assert server.told("on force-saturated") == "ok\n"
+    said = by_subject(told("--json", counts_per_N="500000.0"))
+    assert "counts_per_N is 500000" in said["sensor's box"]["seen"]
+    assert "saturation" in said["sensor's status"]["seen"]
+
+
+def test_a_bus_that_does_not_exist_is_told(told):
+    said = told("--json", interface='"kvaser"', channel='"77"')
+    bus = by_subject(said)["CAN bus"]
+    assert bus["colour"] == "red"
+    assert "kvaser 77 cannot be opened" in bus["seen"]
+    assert "canlib" in bus["fix"]
+    assert "drive" not in by_subject(said)
+    assert said.exit_code == 1
+
+
+def test_an_error_of_the_drive_is_told_with_its_meaning(told, server):
+    """Last, for the drive keeps it."""
+    assert server.told("on over-temperature") == "ok\n"
+    time.sleep(0.3)
+    said = by_subject(told("--json"))
+    assert said["drive error"]["colour"] == "red"
+    assert "MOTOR_OVER_TEMP: motor too hot" in said["drive error"]["seen"]
+    assert said["drive error"]["commands"] == ["odrv0.clear_errors()"]
+
+
+def test_a_controller_on_a_serial_line_and_a_drive_in_mit_mode_are_looked_at(monkeypatch, capsys, tmp_path):
+    served_file, real_file = tmp_path / "served.toml", tmp_path / "real.toml"
+    served_file.write_text(rig_text())
+    with serving("--rig", str(served_file)) as server:
+        monkeypatch.setenv("CAN_CONFIG", json.dumps({"host": server.host, "port": server.ports["can_port"]}))
+        text = rig_text().partition("[twin]")[0].replace('kind = "twin"', 'kind = "real"')
+        text = text.replace("[motor]\n", '[motor]\ninterface = "socketcand"\n')
+        real_file.write_text(text.replace("[force_sensor]\n", f'[force_sensor]\nport = "{server.ports["serial"]}"\n'))
+        seen = by_subject(typed(monkeypatch, capsys, "doctor", "--json", "--rig", real_file, "--runs", tmp_path))
+    for subject in ("CAN bus", "drive", "drive error", "serial port", "sensor", "sensor's rate", "sensor's records"):
+        assert seen[subject]["colour"] == "green", seen[subject]
+    assert seen["drive"]["seen"].startswith("AK drive 1 in MIT mode")
+
+
+def test_a_twin_rig_says_that_its_devices_are_twins_and_checks_the_computer(monkeypatch, capsys, tmp_path):
+    said = typed(monkeypatch, capsys, "doctor", "--rig", "twin", "--runs", tmp_path)
+    assert said.exit_code == 0
+    assert said.out.startswith("SIM ")
+    for subject in ("devices", "clock", "disk for runs", "python packages", "compiled code"):
+        assert re.search(rf"^(green|yellow) +{subject} ", said.out, re.MULTILINE), subject
+    assert "are twins" in said.out
+
+
+def test_a_rig_file_that_is_not_there_is_bad_input(monkeypatch, capsys):
+    assert typed(monkeypatch, capsys, "doctor", "--rig", "no-such-rig").exit_code == 2
+
+
+def test_without_a_rig_file_nothing_missing_is_red(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr("rfca_rig.doctor.scan.NETFT_AS_DELIVERED", "127.0.0.1")
+    said = typed(monkeypatch, capsys, "doctor", "--runs", tmp_path)
+    for subject in ("CAN interface", "CAN adapters", "serial port", "Net F/T", "receive buffer", "clock", "python packages"):
+        assert re.search(rf"^(green|yellow) +{subject} ", said.out, re.MULTILINE), subject
+    assert "counts_per_N" in said.out or "none at 127.0.0.1" in said.out
+    assert max(map(len, said.out.splitlines())) <= WIDTH
