@@ -190,10 +190,14 @@ def _scale(t_s: Floats, values: Floats, phase: NDArray[np.str_]) -> Floats:
 
 
 def _jolt(t_s: Floats, values: Floats, phase: NDArray[np.str_], phases: StrokePhases) -> Floats:
-    """Bounces and stick-slip right after touchdown: as large as the peak there, and dying away."""
+    """Bounces and stick-slip right after touchdown: as large as the peak there, and dying away. And how the leg swings in the air after
+    the shaft started: there little is felt but what hinges do in their last tenths of a degree.
+    """
     peak = float(np.abs(values[phase == "touchdown"]).max(initial=0.0))
     after_s = t_s - phases.touchdown_s
-    return np.where(after_s > -BEFORE_TOUCHDOWN_S, JOLT * peak * np.exp(-np.maximum(after_s, 0.0) / JOLT_DIES_S), 0.0)
+    bounces = np.where(after_s > -BEFORE_TOUCHDOWN_S, peak * np.exp(-np.maximum(after_s, 0.0) / JOLT_DIES_S), 0.0)
+    swings = np.where(phase == "free", 0.5 * np.ptp(values[phase == "free"]) if (phase == "free").any() else 0.0, 0.0)
+    return np.asarray(JOLT * np.hypot(bounces, swings))
 
 
 def _progress(t_s: Floats, phases: StrokePhases) -> Floats:

@@ -1,36 +1,17 @@
-"""Dry friction of every joint, with stick.
+"""Dry friction of every joint, with stick."""
 
-A stuck joint yields like a stiff spring with a damper, so that it comes to rest instead of ringing. Both together never exceed the
-friction torque, and the spring's anchor is dragged along beyond it.
-"""
-
-from typing import Any
-
+from rfca_rig.model.dry_friction import dry_friction
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.laws import HINGE, LawUse
+from rfca_rig.model.laws import LawUse
 from rfca_rig.model.setup import Setup, with_law
 
 PRESLIDING_RAD = 5e-4  # turn before a stuck joint slips: about a count of a joint's encoder
-DAMPING_S = 5e-3  # damper over spring: a stuck joint is at rest after some hundredths of a second
-
-
-def torque(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
-    stiffness = parameter[0] / PRESLIDING_RAD
-    stuck = stiffness * (phi - memory[0] + DAMPING_S * rate)
-    if stuck > parameter[0]:
-        return parameter[0], 0.0, 0.0
-    if stuck < -parameter[0]:
-        return -parameter[0], 0.0, 0.0
-    return stuck, stiffness, stiffness * DAMPING_S
-
-
-def advance(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> None:
-    memory[0] = min(max(memory[0], phi - PRESLIDING_RAD), phi + PRESLIDING_RAD)
+DAMPING_S = 5e-3  # a stuck joint is at rest after some hundredths of a second
 
 
 def friction_of(torque_Nm: float, joint: int = -1) -> LawUse:
     """The law on one joint, from 1, or on all."""
-    return LawUse(HINGE, torque, (torque_Nm,), advance, joint)
+    return dry_friction(torque_Nm, PRESLIDING_RAD, DAMPING_S, joint)
 
 
 def apply(setup: Setup, values: Values) -> Setup:
