@@ -96,7 +96,7 @@ def _body(recordings: Sequence[Recording]) -> tuple[Body, tuple[StageTable, ...]
     tables = stage_tables(stages, noise_std, StageMoves(1.0, 0.005, HOLD_S))
     if tables:
         moves = likeliest_moves(tables, coordinates, np.zeros(coordinates.size))
-        tables = tuple(replace(table, moves=moves) for table in tables)
+        tables = tuple(replace(table, moves=moves, stopped_as_told=as_commanded) for table in tables)
     title = "; ".join(recording.title for recording in recordings)
     return Body(title, rig, known_to, noise_std, flaps, shafts, as_commanded, coordinates, remarks), tables
 

@@ -25,17 +25,23 @@ IN_MOTION_ONLY = (
     "motor_speed_droop",
     "motor_speed_ripple",
 )  # a settled reading does not show them
+HELD_ANYHOW = 30.0  # of the usual friction: 0.3 of it goes with a model error of 1 %
 HOLD_S = 0.3  # the slowest swing of the paper's leg has died out
 
 
 @dataclass(frozen=True)
 class StageTable:
-    """The stages of one height in their order, moved to as `moves` says."""
+    """The stages of one height in their order, moved to as `moves` says.
+
+    Where the shaft is not `stopped_as_told`, it may have gone back a little at every stop, and friction holds the tip with a force that
+    nobody can foretell.
+    """
 
     height_m: float
     stages: tuple[StaticStage, ...]
     moves: StageMoves
     noise: Mapping[str, float]
+    stopped_as_told: bool = True
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -65,6 +71,13 @@ class StageTable:
         forces = [[getattr(stage, signal) for stage in self.stages] for signal in FORCES]
         return np.concatenate([*forces, *np.array([stage.hinge_deg for stage in self.stages]).T])
 
+    def _held_anyhow(self) -> Floats:
+        """Of each signal, what a tip that is held otherwise than foretold may change in it."""
+        if self.stopped_as_told:
+            return np.zeros(len(self.signals))
+        friction = HELD_ANYHOW * float(np.sqrt(np.mean([stage.fy_N**2 for stage in self.stages])))
+        return np.array([friction, friction, self.height_m * friction] + [0.0] * (len(self.signals) - len(FORCES)))
+
     def _present(self) -> NDArray[np.bool_]:
         return np.isfinite(self._measured())
 
@@ -81,7 +94,7 @@ class StageTable:
             measured=measured[present],
             noise=np.repeat([self.noise[signal] for signal in signals], stages)[present],
             scale=np.nan_to_num(np.repeat(scale, stages)[present], nan=1.0),
-            jolt=np.zeros(int(present.sum())),
+            jolt=np.repeat(self._held_anyhow(), stages)[present],
             progress=np.tile(angle / STAGE_APART_RAD, len(signals))[present],
             t_s=np.tile(angle, len(signals))[present],
             phase=np.tile(phase, len(signals))[present],
