@@ -1,16 +1,16 @@
 """How a moteus turns the shaft: address, gear, direction, zero; and how long one of its commands is good for."""
 
 from dataclasses import dataclass
-from math import isfinite, tau
 
 from rfca_rig.codecs.moteus import LARGEST_ID, LARGEST_PREFIX
+from rfca_rig.drivers.shaft_gear import ShaftGear, check_positive
 from rfca_rig.errors import BadInput
 
 OWN_ID = 0x20  # the vendor's tools ask from 0, and answers go to who asked
 
 
 @dataclass(frozen=True)
-class MoteusSettings:
+class MoteusSettings(ShaftGear):
     """What the driver must know of the drive.
 
     `gear_ratio` is turns of what the drive calls its output per shaft turn (a gear that motor_position.rotor_to_output_ratio
@@ -33,14 +33,11 @@ class MoteusSettings:
 
     def __post_init__(self) -> None:
         self._check_addresses()
-        if self.direction not in {1, -1}:
-            raise BadInput(f"drive: direction is {self.direction}, must be 1 or -1")
-        if not isfinite(self.zero_turns):
-            raise BadInput(f"drive: zero_turns is {self.zero_turns}, must be a number")
-        for name in ("gear_ratio", "watchdog_s", "reply_timeout_s", "enable_timeout_s"):
-            _positive(name, getattr(self, name))
+        self.check_gear()
+        for name in ("watchdog_s", "reply_timeout_s", "enable_timeout_s"):
+            check_positive(name, getattr(self, name))
         if self.torque_limit_Nm is not None:
-            _positive("torque_limit_Nm", self.torque_limit_Nm)
+            check_positive("torque_limit_Nm", self.torque_limit_Nm)
 
     def _check_addresses(self) -> None:
         if not 1 <= self.drive_id <= LARGEST_ID:
@@ -49,26 +46,3 @@ class MoteusSettings:
             raise BadInput(f"drive: own_id is {self.own_id}, must be 0..{LARGEST_ID} and not the drive's")
         if not 0 <= self.can_prefix <= LARGEST_PREFIX:
             raise BadInput(f"drive: can_prefix is {self.can_prefix}, must be 0..{LARGEST_PREFIX}")
-
-    def turns(self, angle_rad: float) -> float:
-        """The drive's position at a shaft angle."""
-        return self.zero_turns + self.turns_s(angle_rad)
-
-    def turns_s(self, speed_rad_s: float) -> float:
-        """The drive's speed at a shaft speed."""
-        return self.direction * self.gear_ratio * speed_rad_s / tau
-
-    @property
-    def shaft_rad_per_turn(self) -> float:
-        """Signed: shaft radians per turn of the drive."""
-        return self.direction * tau / self.gear_ratio
-
-    @property
-    def shaft_torque_per_drive_torque(self) -> float:
-        """Signed, for a gear without losses."""
-        return self.direction * self.gear_ratio
-
-
-def _positive(name: str, value: float) -> None:
-    if not (isfinite(value) and value > 0.0):
-        raise BadInput(f"drive: {name} is {value}, must be above 0")

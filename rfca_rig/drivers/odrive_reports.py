@@ -139,7 +139,7 @@ class OdriveReports:
                 device_s=self._count.stamp(len(rows), self.drained_s),
                 angle_rad=(rows[:, 0] - settings.zero_turns) * settings.shaft_rad_per_turn,
                 speed_rad_s=rows[:, 1] * settings.shaft_rad_per_turn,
-                torque_Nm=rows[:, 2] * settings.shaft_torque_per_motor_torque,
+                torque_Nm=rows[:, 2] * settings.shaft_torque_per_drive_torque,
             )
         )
 

@@ -20,7 +20,7 @@ from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.speed_loop import LoopGains
 from rfca_rig.twins.world import TwinWorld
-from tests.devices.motor_contract import MotorContract
+from tests.devices.motor_contract import Failing, MotorContract
 from tests.devices.rig import twin_rig
 from tests.devices.rotor import Rotor
 
@@ -378,21 +378,6 @@ def test_a_drive_that_falls_silent_is_a_fault() -> None:
             pass
         rig.motor.read()
         assert re.search(r"no heartbeat for 0\.3\d s, limit 0\.35 s", rig.motor.status().fault or "")
-
-
-class Failing(can.BusABC):
-    """A bus whose adapter was pulled."""
-
-    channel_info = "pulled"
-
-    def __init__(self) -> None:
-        super().__init__(channel="pulled")
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002
-        raise can.CanOperationError("transmit buffer full")
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:  # noqa: ARG002
-        raise can.CanOperationError("no such device")
 
 
 @pytest.mark.parametrize("act", [OdriveMotor.enable, OdriveMotor.disable, lambda m: m.command_speed(1.0), lambda m: m.command_angle(1.0)])
