@@ -92,6 +92,16 @@ def test_dry_friction_below_its_torque_holds_a_link_where_it_is():
     assert released(rig, list(state.q), np.array([1.0, 5.0]), gravity=9.81).q[-1] == pytest.approx(state.q, abs=1e-9)
 
 
+def test_a_stuck_pin_comes_to_rest_instead_of_ringing():
+    friction, weight = 4.0, 0.4 * 9.81 * 0.25
+    rig = having(pendulum(2, k0=1e-6), hinge_coulomb_friction={"torque_Nm": friction})
+    t = np.arange(1, 400) * 1e-3
+    phi = bent(released(rig, [0.0, 0.0], t, gravity=9.81))
+    rest = weight * 1e-3 / friction
+    assert phi.max() > 1.3 * rest  # it did ring,
+    assert np.abs(phi[t > 0.25] / rest - 1.0).max() < 0.02  # and does no more
+
+
 def test_laws_with_memory_keep_apart():
     t = np.linspace(0.01, 0.5, 50)
     friction = {"hinge_coulomb_friction": {"torque_Nm": 0.05}}
