@@ -46,7 +46,9 @@ def _evidence(found: Found, best: Hypothesis, candidates: int) -> Gate:
 
 
 def _each_needed(found: Found, best: Hypothesis, candidates: int) -> Gate:
-    """Every member of a pair must raise the evidence over the other alone, and foretell conditions clearly better than that does."""
+    """Every member of a pair must raise the evidence over the other alone; and foretell conditions clearly better than that does, or let
+    a nuisance stand where it is believed that had to leave it.
+    """
     if len(best.ids) < 2:
         return Gate("each needed", True, "one effect only")
     needed = 3.0 + float(np.log(candidates))
@@ -56,10 +58,10 @@ def _each_needed(found: Found, best: Hypothesis, candidates: int) -> Gate:
         return Gate("each needed", True, "neither explains anything alone")
     gain = best.judgement.log_evidence - alone.judgement.log_evidence
     before, after = (float(left_out(found, h).mean()) for h in (alone, best))
-    text = (
-        f"log evidence {gain:.1f} above that of the better one alone, {needed:.1f} needed; foretold to {after:.2f} instead of {before:.2f}"
-    )
-    return Gate("each needed", gain >= needed and before - after >= WORTH_ADDING * before, text)
+    better = before - after >= WORTH_ADDING * before or (bool(strain_of(alone)) and not strain_of(best))
+    text = f"log evidence {gain:.1f} above that of the better one alone, {needed:.1f} needed"
+    text += f"; conditions left out are foretold to {after:.2f} instead of {before:.2f}"
+    return Gate("each needed", gain >= needed and better, text)
 
 
 def _signatures(found: Found, best: Hypothesis) -> list[Floats]:
