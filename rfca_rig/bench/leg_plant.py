@@ -29,7 +29,10 @@ class Scatter:
 
 @dataclass
 class LegPlant:
-    """Implements twins.plant.Plant. `rotor_inertia_kg_m2` is the drive's, at the shaft; `random` decides the scatter."""
+    """Implements twins.plant.Plant, and twins.camera.StandingLeg.
+
+    `rotor_inertia_kg_m2` is the drive's, at the shaft; `random` decides the scatter.
+    """
 
     rig: RigModel
     height_m: float
@@ -103,6 +106,15 @@ class LegPlant:
 
     def shaft(self) -> ShaftState:
         return ShaftState(float(self._state.q[0]), float(self._state.w[0]), self._torque_Nm)
+
+    def link_angles_rad(self) -> Floats:
+        return np.array(self._state.q[: len(self.rig.leg.link_lengths_m)])
+
+    def link_lengths_m(self) -> Floats:
+        return np.array(self.rig.leg.link_lengths_m)
+
+    def ground_depth_m(self) -> float:
+        return self.height_m
 
     def set_height(self, height_m: float) -> None:
         """Within the scatter of a hand on the lead screws."""

@@ -10,6 +10,7 @@ from typer.exceptions import Abort, TyperException
 
 from rfca_rig import __version__
 from rfca_rig.cli import (
+    calibrating,
     crosscheck,
     diagnosing,
     doctoring,
@@ -39,6 +40,7 @@ app = typer.Typer(
 app.add_typer(dynamic.app, name="dynamic")
 app.add_typer(static.app, name="static")
 app.add_typer(serving.app, name="twin")
+app.add_typer(calibrating.app, name="calibrate")
 app.command("import")(importing.import_folder)
 app.command("recover")(recovering.recover)
 app.command("predict")(predicting.predict)

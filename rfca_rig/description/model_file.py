@@ -5,15 +5,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rfca_rig.description.believed import model_of
 from rfca_rig.description.sections import KnownToSection, RigSections
 from rfca_rig.description.toml import read_toml
+from rfca_rig.description.toml_writing import comment, table, written
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.recording.atomic import write_atomically
 
-DIGITS = 7
 SECTIONS = ("leg", "ground", "sensor", "drive")
 
 
@@ -55,40 +53,11 @@ def write_model(
     `found` come behind those. Raises RigError where the disk refuses.
     """
     believed = [FoundEffect(effect["id"], effect["parameters"]) for effect in sections.get("effects", ())]
-    tables = [_table(name, keys) for name, keys in {**{name: sections[name] for name in SECTIONS}, "known_to": known_to}.items()]
-    parts = ["".join(_comment(line) for line in comments), *tables, *(_effect(effect) for effect in (*believed, *found))]
+    tables = [table(name, keys) for name, keys in {**{name: sections[name] for name in SECTIONS}, "known_to": known_to}.items()]
+    parts = ["".join(comment(line) for line in comments), *tables, *(_effect(effect) for effect in (*believed, *found))]
     write_atomically(path, "\n".join(parts).encode("utf-8"))
 
 
-def _comment(line: str) -> str:
-    """A title may hold line breaks, which would end the comment."""
-    return f"# {''.join(sign if sign.isprintable() else ' ' for sign in line)}".rstrip() + "\n"
-
-
-def _table(name: str, keys: Mapping[str, Any]) -> str:
-    return f"[{name}]\n" + "".join(f"{key} = {_written(value)}\n" for key, value in keys.items() if value is not None)
-
-
 def _effect(effect: FoundEffect) -> str:
-    lines = [f"[[effects]]\nid = {_written(effect.id)}\nparameters = {_written(effect.parameters)}\n"]
-    return "".join(lines + [_comment(f"{name} is known to {std:.3g}") for name, std in effect.std.items()])
-
-
-def _written(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_written(inner)}" for key, inner in value.items() if inner is not None) + " }"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_written(inner) for inner in value) + "]"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return '"' + value.translate(_ESCAPES) + '"'
-    return _number(float(value))
-
-
-_ESCAPES = {ord('"'): '\\"', ord("\\"): "\\\\", **{code: f"\\u{code:04x}" for code in (*range(32), 127)}}
-
-
-def _number(value: float) -> str:
-    """Enough digits for any fit; TOML wants a point or an exponent in a float, which numpy gives."""
-    return str(np.format_float_scientific(value, DIGITS, trim="0") if not 1e-3 <= abs(value) < 1e5 else round(value, DIGITS))
+    lines = [f"[[effects]]\nid = {written(effect.id)}\nparameters = {written(effect.parameters)}\n"]
+    return "".join(lines + [comment(f"{name} is known to {std:.3g}") for name, std in effect.std.items()])

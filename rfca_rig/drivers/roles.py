@@ -134,6 +134,29 @@ class ForceSensor(Protocol):
     def identity(self) -> dict[str, str]: ...
 
 
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """One picture: `image` (rows, columns, 3) uint8, blue green red; `host_s` when it was taken; `name` for messages and files."""
+
+    image: NDArray[np.uint8]
+    host_s: float
+    name: str
+
+
+class Camera(Protocol):
+    """What takes a picture of the leg from the side. The picture is the sensor's own, neither turned nor undistorted."""
+
+    def photo(self) -> Photo:
+        """A picture whose exposure began after the call. Raises DeviceError where none comes."""
+        ...
+
+    def close(self) -> None:
+        """Lets go of the camera. May be called at any time, any number of times."""
+        ...
+
+    def identity(self) -> dict[str, str]: ...
+
+
 class Rack(Protocol):
     """What sets the height of the shaft above the ground: a hand on the lead screws, or a twin."""
 

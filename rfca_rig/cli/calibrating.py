@@ -1,0 +1,211 @@
+"""rfca-rig calibrate camera"""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rfca_rig.cli.options import Json
+
+if TYPE_CHECKING:
+    from rfca_rig.cli.terminal import Say
+    from rfca_rig.description.camera_file import CameraFile, PlaneSection
+    from rfca_rig.vision.board import Board
+    from rfca_rig.vision.board_photo import BoardPhoto, Refused
+    from rfca_rig.vision.camera_calibration import Calibration
+    from rfca_rig.vision.plane_of_motion import BoardPlace
+
+app = typer.Typer(help="Find the values that a rig's devices have.", no_args_is_help=True)
+
+BOARD = "10x7,25,18"
+WELL_COVERED = 0.8
+
+
+class Reach(StrEnum):
+    """The side of the picture to which the leg reaches out."""
+
+    RIGHT = "right"
+    LEFT = "left"
+
+
+@app.callback()
+def _group() -> None:
+    """Keeps `camera` a command of its own."""
+
+
+@app.command()
+def camera(
+    photos: Annotated[
+        list[Path] | None, typer.Argument(metavar="PHOTOS", help="Photos of the board, or folders of them: 15, tilted all ways.")
+    ] = None,
+    board: Annotated[
+        str, typer.Option("--board", metavar="CxR,MM,MM", help="Columns x rows of squares, their width, the markers' width, in mm.")
+    ] = BOARD,
+    make_board: Annotated[
+        Path | None, typer.Option("--make-board", metavar="FILE", help="Write the board to be printed, .pdf or .png, and leave.")
+    ] = None,
+    plane: Annotated[
+        Path | None, typer.Option("--plane", metavar="PHOTO", help="A photo of the board held in the plane of the marks.")
+    ] = None,
+    board_at: Annotated[
+        str | None, typer.Option("--board-at", metavar="Y,Z", help="There: its upper left corner from the shaft axis, in mm, Z downwards.")
+    ] = None,
+    shaft_px: Annotated[
+        str | None, typer.Option("--shaft-px", metavar="U,V", help="Instead: where the shaft axis is in that photo, in pixels.")
+    ] = None,
+    turned: Annotated[
+        float, typer.Option("--turned", metavar="DEG", min=-180, max=180, help="There: its upper edge from the horizontal, clockwise.")
+    ] = 0.0,
+    nearer: Annotated[
+        float, typer.Option("--nearer", metavar="MM", min=-500, max=500, help="There: how much nearer to the camera than the marks.")
+    ] = 0.0,
+    reach: Annotated[Reach, typer.Option("--reach", help="The side of the picture to which the leg reaches out.")] = Reach.RIGHT,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The camera file to write.")] = Path("calibration/camera.toml"),
+    as_json: Json = False,
+) -> None:
+    """Camera matrix, lens distortion and the place of the plane of motion, from photos of a ChArUco board.
+
+    Example: rfca-rig calibrate camera board-photos/ --plane board-in-plane.jpg --board-at 20,-15
+    """
+    from rfca_rig.cli.terminal import marked
+    from rfca_rig.description.camera_file import camera_file, write_camera_file
+    from rfca_rig.errors import BadInput
+    from rfca_rig.vision.board import board_of
+    from rfca_rig.vision.camera_calibration import calibrate
+
+    described = board_of(board)
+    if make_board is not None:
+        _make_board(described, make_board)
+        return
+    if not photos:
+        raise BadInput(f"no photos named; print the board first: rfca-rig calibrate camera --board {board} --make-board board.pdf")
+    _check_can_be_written(out)
+    place = _place(plane, board_at, shaft_px, turned, nearer, reach)
+    say = marked("REAL", as_json)
+    calibration = calibrate([_seen(file, described, say) for file in _files(photos)])
+    section = None if plane is None else _plane(plane, calibration, described, place, shaft_px)
+    file = camera_file(calibration, described.written(), section)
+    write_camera_file(out, file, [f"A camera, calibrated with {len(calibration.photos)} photos of a ChArUco board."])
+    if as_json:
+        typer.echo(file.model_dump_json(indent=1))
+        return
+    for line in _lines(file, out):
+        say(line)
+
+
+def _make_board(board: "Board", path: Path) -> None:
+    from rfca_rig.errors import BadInput
+    from rfca_rig.recording.atomic import write_atomically
+    from rfca_rig.vision.board_sheet import board_pdf, board_png
+
+    makers = {".pdf": board_pdf, ".png": board_png}
+    if path.suffix.lower() not in makers:
+        raise BadInput(f"{path}: a board is written as .pdf or .png; name such a file")
+    _check_can_be_written(path)
+    write_atomically(path, makers[path.suffix.lower()](board))
+    typer.echo(f"board {board.written()} in {path}; print it at 100 %, check its line with a ruler, glue it flat", err=True)
+
+
+def _check_can_be_written(path: Path) -> None:
+    """Before the work, not after it."""
+    from rfca_rig.errors import BadInput
+
+    if not path.parent.is_dir():
+        raise BadInput(f"{path}: there is no folder {path.parent}; make it, or name another file with --out")
+
+
+def _files(photos: list[Path]) -> list[Path]:
+    from rfca_rig.drivers.photo_folder import photos_in
+    from rfca_rig.errors import BadInput
+
+    files = [file for path in photos for file in (photos_in(path) if path.is_dir() else [path])]
+    if missing := next((file for file in files if not file.is_file()), None):
+        raise BadInput(f"{missing}: no such photo; name photos, or folders that hold them")
+    return files
+
+
+def _seen(file: Path, board: "Board", say: "Say") -> "BoardPhoto | Refused":
+    """The board in a file; one that is no whole picture is refused like one without a board."""
+    from rfca_rig.drivers.picture_file import read_picture
+    from rfca_rig.errors import BadInput
+    from rfca_rig.vision.board_photo import BoardPhoto, Refused, find_board
+
+    try:
+        found = find_board(read_picture(file), board, file.name)
+    except BadInput as error:
+        found = Refused(file.name, str(error).removeprefix(f"{file}: "))
+    say(f"{file.name}: {len(found.px)} corners" if isinstance(found, BoardPhoto) else f"{file.name}: REFUSED, {found.why}")
+    return found
+
+
+def _place(
+    plane: Path | None, board_at: str | None, shaft_px: str | None, turned_deg: float, nearer_mm: float, reach: Reach
+) -> "BoardPlace":
+    from math import radians
+
+    from rfca_rig.errors import BadInput
+    from rfca_rig.vision.plane_of_motion import BoardPlace
+
+    if plane is None and (board_at or shaft_px):
+        raise BadInput("--board-at and --shaft-px speak of the photo with the board in the plane; name it with --plane")
+    if plane is not None and (board_at is None) == (shaft_px is None):
+        raise BadInput("--plane needs to know where the shaft axis is: either --board-at Y,Z or --shaft-px U,V")
+    corner_mm = (0.0, 0.0) if board_at is None else _pair(board_at, "--board-at")
+    if shaft_px is not None:
+        _pair(shaft_px, "--shaft-px")
+    return BoardPlace((corner_mm[0] / 1e3, corner_mm[1] / 1e3), reach.value, radians(turned_deg), nearer_mm / 1e3)
+
+
+def _pair(text: str, option: str) -> tuple[float, float]:
+    from math import isfinite
+
+    from rfca_rig.errors import BadInput
+
+    try:
+        first, second = (float(part) for part in text.split(","))
+    except ValueError:
+        raise BadInput(f"{option} {text}: should be two numbers with a comma between them, such as 20,-15") from None
+    if not (isfinite(first) and isfinite(second)):
+        raise BadInput(f"{option} {text}: should be two finite numbers, such as 20,-15")
+    return first, second
+
+
+def _plane(photo: Path, calibration: "Calibration", board: "Board", place: "BoardPlace", shaft_px: str | None) -> "PlaneSection":
+    from dataclasses import replace
+
+    from rfca_rig.description.camera_file import plane_section
+    from rfca_rig.drivers.picture_file import read_picture
+    from rfca_rig.errors import BadInput
+    from rfca_rig.vision.board_photo import Refused, find_board
+    from rfca_rig.vision.plane_of_motion import find_plane, with_origin_at
+
+    found = find_board(read_picture(photo), board, photo.name)
+    if isinstance(found, Refused):
+        raise BadInput(f"{photo}: {found.why}")
+    if found.size_px != calibration.size_px:
+        raise BadInput(f"{photo}: is {found.size_px[0]} x {found.size_px[1]} pixels, the photos of the board {calibration.size_px}")
+    pose = find_plane(found, calibration.matrix, calibration.distortion, place)
+    if shaft_px is None:
+        return plane_section(pose, photo.name, f"board at {1e3 * place.corner_m[0]:g}, {1e3 * place.corner_m[1]:g} mm")
+    moved = with_origin_at(calibration.camera(pose.rotation, pose.translation_m), _pair(shaft_px, "--shaft-px"))
+    return plane_section(replace(pose, translation_m=moved.translation_m), photo.name, f"shaft axis at pixel {shaft_px}")
+
+
+def _lines(file: "CameraFile", out: Path) -> list[str]:
+    lens = file.camera
+    lines = [
+        f"{len(file.photos)} photos used, {len(file.refused)} refused, reprojection error {lens.reprojection_error_px:.3f} px",
+        f"focal length {lens.focal_px[0]:.1f} +- {lens.focal_std_px[0]:.1f} px, {lens.focal_px[1]:.1f} +- {lens.focal_std_px[1]:.1f} px",
+    ]
+    left, top, right, bottom = lens.covered_px
+    across, down = (right - left) / lens.image_size_px[0], (bottom - top) / lens.image_size_px[1]
+    if min(across, down) < WELL_COVERED:
+        lines.append(
+            f"the board was seen in {100 * across:.0f} % of the picture's width and {100 * down:.0f} % of its height: beyond that the "
+            "lens is only supposed; add photos with the board in the corners"
+        )
+    if plane := file.plane:
+        tilt_deg = max(plane.tilt_std_deg)
+        lines.append(f"plane from {plane.photo}: {plane.reprojection_error_px:.3f} px off, tilt known to {tilt_deg:.3f} degrees")
+    return [*lines, f"camera file {out}" + ("" if file.plane else "; where it stands is unknown yet: --plane PHOTO adds it")]

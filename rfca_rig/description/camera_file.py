@@ -1,0 +1,176 @@
+"""camera.toml: a calibrated camera, how well it is known, and where it stands before the plane of motion."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator
+
+from rfca_rig.description.sections import NotNegative, Positive, Section
+from rfca_rig.description.toml import read_toml
+from rfca_rig.description.toml_writing import comment, table, written
+from rfca_rig.errors import BadInput
+from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.vision.camera_calibration import Calibration
+from rfca_rig.vision.camera_model import CameraModel
+from rfca_rig.vision.plane_of_motion import PlanePose
+
+Floats = NDArray[np.float64]
+Pixels = Annotated[int, Field(ge=16, le=65535)]
+Pair = Annotated[tuple[float, float], Field(strict=False)]
+Size = Annotated[tuple[Pixels, Pixels], Field(strict=False)]
+PositivePair = Annotated[tuple[Positive, Positive], Field(strict=False)]
+NotNegativePair = Annotated[tuple[NotNegative, NotNegative], Field(strict=False)]
+Box = Annotated[tuple[float, float, float, float], Field(strict=False)]
+Triple = Annotated[tuple[float, float, float], Field(strict=False)]
+Matrix = Annotated[tuple[Triple, Triple, Triple], Field(strict=False)]
+Coefficients = Annotated[tuple[float, float, float, float, float], Field(strict=False)]
+
+
+class LensSection(Section):
+    """[camera]: pinhole and lens. `distortion` is k1, k2, p1, p2, k3 as OpenCV has them; standard deviations are one each.
+
+    `covered_px` is left, top, right, bottom of the part of the picture in which the board was seen.
+    """
+
+    image_size_px: Size
+    focal_px: PositivePair
+    focal_std_px: NotNegativePair
+    centre_px: Pair
+    centre_std_px: NotNegativePair
+    distortion: Coefficients
+    covered_px: Box
+    board: str
+    reprojection_error_px: NotNegative
+
+
+class PlaneSection(Section):
+    """[plane]: a point (x, y, z) of the plane frame is seen from the camera at `rotation` times it plus `translation_mm`."""
+
+    rotation: Matrix
+    translation_mm: Triple
+    photo: str
+    reprojection_error_px: NotNegative
+    tilt_std_deg: NotNegativePair
+    distance_std_mm: NotNegative
+    origin_from: str
+
+    @field_validator("rotation")
+    @classmethod
+    def _is_a_turn(cls, rows: Matrix) -> Matrix:
+        rotation = np.array(rows)
+        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-5) or np.linalg.det(rotation) < 0:
+            raise ValueError("should be three rows of a rotation, perpendicular and of length 1; calibrate anew")
+        return rows
+
+
+class PhotoSection(Section):
+    """[[photos]]: one that was used; how wide its edges are, 10 % to 90 %, tells its sharpness."""
+
+    name: str
+    corners: Annotated[int, Field(ge=1)]
+    edge_px: NotNegative
+    reprojection_error_px: NotNegative
+
+
+class RefusedSection(Section):
+    """[[refused]]: one that was not."""
+
+    name: str
+    why: str
+
+
+class CameraFile(Section):
+    """A camera as `calibrate camera` writes it. Without [plane] it says how the lens sees, not where the camera stands."""
+
+    camera: LensSection
+    plane: PlaneSection | None = None
+    photos: Annotated[tuple[PhotoSection, ...], Field(strict=False)] = ()
+    refused: Annotated[tuple[RefusedSection, ...], Field(strict=False)] = ()
+
+    def matrix(self) -> Floats:
+        """(3, 3), px."""
+        (across, down), (centre_x, centre_y) = self.camera.focal_px, self.camera.centre_px
+        return np.array([[across, 0.0, centre_x], [0.0, down, centre_y], [0.0, 0.0, 1.0]])
+
+    def distortion(self) -> Floats:
+        """(5,)"""
+        return np.array(self.camera.distortion)
+
+    def model(self) -> CameraModel:
+        """The camera before the plane of motion. Raises BadInput where the file has no [plane]."""
+        if self.plane is None:
+            raise BadInput("the camera file has no [plane]: where the camera stands is unknown; calibrate camera --plane PHOTO adds it")
+        translation_m = np.array(self.plane.translation_mm) / 1e3
+        turn = _nearest_rotation(np.array(self.plane.rotation))
+        return CameraModel(self.matrix(), self.distortion(), self.camera.image_size_px, turn, translation_m)
+
+
+def _nearest_rotation(rows: Floats) -> Floats:
+    """What the file's digits were rounded from."""
+    left, _, right = np.linalg.svd(rows)
+    turn: Floats = left @ right
+    return turn
+
+
+def read_camera_file(path: Path) -> CameraFile:
+    """The camera in `path`; BadInput, with file and line, where it cannot be used."""
+    return read_toml(path, CameraFile)
+
+
+def camera_file(calibration: Calibration, board: str, plane: PlaneSection | None) -> CameraFile:
+    """The file's content. `board` as it was given."""
+    matrix = calibration.matrix
+    covered_px = calibration.covered_px().tolist()
+    lens = LensSection(
+        image_size_px=calibration.size_px,
+        focal_px=(float(matrix[0, 0]), float(matrix[1, 1])),
+        focal_std_px=_pair(calibration.focal_std_px.tolist()),
+        centre_px=(float(matrix[0, 2]), float(matrix[1, 2])),
+        centre_std_px=_pair(calibration.centre_std_px.tolist()),
+        distortion=tuple(calibration.distortion.tolist()),
+        covered_px=(covered_px[0], covered_px[1], covered_px[2], covered_px[3]),
+        board=board,
+        reprojection_error_px=calibration.error_px,
+    )
+    photos = tuple(
+        PhotoSection(name=photo.name, corners=len(photo.px), edge_px=photo.edge_px, reprojection_error_px=error_px)
+        for photo, error_px in zip(calibration.photos, calibration.errors_px.tolist(), strict=True)
+    )
+    refused = tuple(RefusedSection(name=photo.name, why=photo.why) for photo in calibration.refused)
+    return CameraFile(camera=lens, plane=plane, photos=photos, refused=refused)
+
+
+def plane_section(pose: PlanePose, photo: str, origin_from: str) -> PlaneSection:
+    """[plane] of a pose that was found in `photo`; `origin_from` says how the shaft axis was."""
+    rows = [(float(row[0]), float(row[1]), float(row[2])) for row in pose.rotation]
+    shift = (1e3 * pose.translation_m).tolist()
+    return PlaneSection(
+        rotation=(rows[0], rows[1], rows[2]),
+        translation_mm=(shift[0], shift[1], shift[2]),
+        photo=photo,
+        reprojection_error_px=pose.error_px,
+        tilt_std_deg=_pair(np.degrees(pose.tilt_std_rad).tolist()),
+        distance_std_mm=1e3 * pose.distance_std_m,
+        origin_from=origin_from,
+    )
+
+
+def _pair(values: Sequence[float]) -> tuple[float, float]:
+    return values[0], values[1]
+
+
+def write_camera_file(path: Path, file: CameraFile, comments: Sequence[str]) -> None:
+    """Writes it, all or nothing, `comments` at its head. Raises RigError where the disk refuses."""
+    plain = file.model_dump(mode="json", exclude_none=True)
+    parts = ["".join(comment(line) for line in comments), table("camera", plain["camera"])]
+    parts += [table("plane", plain["plane"])] if file.plane else []
+    parts += [_entry("photos", entry) for entry in plain["photos"]]
+    parts += [_entry("refused", entry) for entry in plain["refused"]]
+    write_atomically(path, "\n".join(parts).encode("utf-8"))
+
+
+def _entry(name: str, keys: dict[str, object]) -> str:
+    return f"[[{name}]]\n" + "".join(f"{key} = {written(value)}\n" for key, value in keys.items())

@@ -1,0 +1,39 @@
+"""Writes TOML that people can read: tables of plain values, and comments."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+DIGITS = 7
+
+
+def comment(line: str) -> str:
+    """A title may hold line breaks, which would end the comment."""
+    return f"# {''.join(sign if sign.isprintable() else ' ' for sign in line)}".rstrip() + "\n"
+
+
+def table(name: str, keys: Mapping[str, Any]) -> str:
+    """[name] with its keys; those that are None are left out."""
+    return f"[{name}]\n" + "".join(f"{key} = {written(value)}\n" for key, value in keys.items() if value is not None)
+
+
+def written(value: Any) -> str:
+    """A value as TOML has it, mappings inline."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {written(inner)}" for key, inner in value.items() if inner is not None) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(written(inner) for inner in value) + "]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return '"' + value.translate(_ESCAPES) + '"'
+    return str(value) if isinstance(value, int) else _number(float(value))
+
+
+_ESCAPES = {ord('"'): '\\"', ord("\\"): "\\\\", **{code: f"\\u{code:04x}" for code in (*range(32), 127)}}
+
+
+def _number(value: float) -> str:
+    """Enough digits for any fit; TOML wants a point or an exponent in a float, which numpy gives."""
+    return str(np.format_float_scientific(value, DIGITS, trim="0") if not 1e-3 <= abs(value) < 1e5 else round(value, DIGITS))

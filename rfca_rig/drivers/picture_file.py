@@ -1,0 +1,84 @@
+"""Pictures as files: JPEG, PNG and TIFF, whole or refused in one line, with the moment at which they were taken."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.codecs.exif_time import taken_at
+from rfca_rig.errors import BadInput
+
+Image = NDArray[np.uint8]
+
+ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+HEAD_BYTES = 1 << 18  # Exif stands before the picture in a JPEG, in no more than 64 kB
+
+_PNG, _JPEG, _TIFF = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", (b"II*\0", b"MM\0*")
+
+
+@dataclass(frozen=True)
+class Moment:
+    """When a picture was taken; `from_exif` where its camera wrote it, else the file's time of last change."""
+
+    at: datetime
+    from_exif: bool
+
+
+def read_picture(path: Path) -> Image:
+    """The picture (rows, columns, 3) uint8, blue green red, as the sensor saw it: a note of how the camera was held is not obeyed.
+
+    Raises BadInput, one line, for a file that is missing, of another kind, cut short or broken.
+    """
+    content = _content(path)
+    if fault := _fault(content):
+        raise BadInput(f"{path}: {fault}; take it out of the list or copy it from the camera again")
+    image = _decoded(content)
+    if image is None:
+        raise BadInput(f"{path}: {len(content)} bytes that are no whole picture; take it out of the list or copy it from the camera again")
+    return image
+
+
+def _decoded(content: bytes) -> Image | None:
+    """OpenCV returns None for most of what it cannot read, and raises for the rest; its own words on the terminal are left out."""
+    before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    except cv2.error:
+        return None
+    finally:
+        cv2.utils.logging.setLogLevel(before)
+    return None if image is None else np.asarray(image, np.uint8)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _fault(content: bytes) -> str | None:
+    """What can be told from the ends of the file. Decoders fill up a picture that was cut short with grey, and say nothing."""
+    if not content:
+        return "empty file"
+    if content.startswith(_JPEG):
+        whole = content.rfind(b"\xff\xd9") > content.rfind(b"\xff\xda") >= 0
+        return None if whole else "a JPEG that is cut short: it ends before its end mark"
+    if content.startswith(_PNG):
+        return None if content[-12:-4] == b"\0\0\0\0IEND" else "a PNG that is cut short: it ends before its end mark"
+    return None if content.startswith(_TIFF) else "neither JPEG, PNG nor TIFF"
+
+
+def moment_of(path: Path) -> Moment:
+    """Raises BadInput where the file cannot be read."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES) if path.suffix.lower() not in (".tif", ".tiff") else file.read()
+        changed_s = path.stat().st_mtime
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
+    taken = taken_at(head)
+    return Moment(taken, True) if taken else Moment(datetime.fromtimestamp(changed_s, UTC), False)

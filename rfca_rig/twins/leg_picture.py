@@ -1,0 +1,195 @@
+"""The leg as a camera sees it: black nylon shells with red marks before a black cloth, above an acrylic plate.
+
+Drawn from outlines projected point by point, in linear light. Everything here is worked out on its own, from the leg's shape to the
+edge of a mark, so that a picture tells something about whoever measures it.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.errors import BadInput
+from rfca_rig.twins.disturbance import Disturbance, lit, seen_by_sensor
+from rfca_rig.twins.painting import Light, covered_share, paint
+from rfca_rig.vision.camera_model import CameraModel
+from rfca_rig.vision.leg_marks import MarkPlan
+
+Floats = NDArray[np.float64]
+Colour = tuple[float, float, float]
+
+HALF_THICKNESS_M = 0.0075  # the leg of the paper is 15 mm thick
+CLOTH, FOLDS = 0.012, 0.003
+SHELL = (0.015, 0.03)  # from the darkest to the lightest
+PLATE: Colour = (0.05, 0.05, 0.045)
+FRAME: Colour = (0.38, 0.38, 0.38)
+RED: Colour = (0.025, 0.03, 0.5)
+BEHIND_M = 0.15
+FRAME_WIDTH_M = 0.02
+ROUND = 96  # corners of an outline that stands for a circle
+
+
+def render_leg(
+    q_rad: Floats,
+    link_lengths_m: Floats,
+    plan: MarkPlan,
+    camera: CameraModel,
+    disturbance: Disturbance,
+    random: np.random.Generator,
+    ground_depth_m: float | None = None,
+) -> NDArray[np.uint8]:
+    """The picture (rows, columns, 3) uint8, blue green red, of a leg whose links (n,) stand at the absolute angles `q_rad`.
+
+    `ground_depth_m` is how far the plate is below the shaft axis; None draws none. The same `random` gives the same picture.
+    Raises BadInput where the plan has marks beyond the leg, or fewer than the one to be hidden.
+    """
+    _check(plan, len(link_lengths_m), disturbance.hidden_mark)
+    scene = _cloth(camera, random)
+    hinges_m = _hinges(np.asarray(q_rad, np.float64), np.asarray(link_lengths_m, np.float64))
+    shades = random.uniform(*SHELL, size=len(hinges_m) - 1)
+    for _ in range(disturbance.red_things):
+        _paint_red_thing(scene, hinges_m, plan, camera, random)
+    if ground_depth_m is not None:
+        _paint_plate(scene, hinges_m, shades, plan, camera, ground_depth_m, disturbance.reflection)
+    _paint_shells(scene, hinges_m, shades, camera)
+    for _ in range(disturbance.glints):
+        _paint_glint(scene, hinges_m, camera, random)
+    _paint_marks(scene, hinges_m, plan, camera)
+    if disturbance.hidden_mark is not None:
+        _paint_frame(scene, hinges_m, plan, camera, disturbance.hidden_mark, disturbance.hidden_share, random)
+    return seen_by_sensor(lit(scene, disturbance, random), disturbance, random)
+
+
+def _check(plan: MarkPlan, links: int, hidden_mark: int | None) -> None:
+    farthest = max(mark.link for mark in plan.marks)
+    if farthest > links:
+        raise BadInput(f"marks: one is to be on link {farthest}, the leg has {links}")
+    if hidden_mark is not None and not 0 <= hidden_mark < len(plan.marks):
+        raise BadInput(f"hidden_mark {hidden_mark}: should be 0 to {len(plan.marks) - 1}, the number of a mark")
+
+
+def _hinges(q_rad: Floats, link_lengths_m: Floats) -> Floats:
+    """(n + 1, 2): the shaft axis, each hinge, the tip, as (y, z), z downwards."""
+    steps = link_lengths_m[:, None] * np.column_stack([np.cos(q_rad), np.sin(q_rad)])
+    return np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
+
+
+def _cloth(camera: CameraModel, random: np.random.Generator) -> Light:
+    """Black, with wide soft folds."""
+    width, height = camera.image_size_px
+    folds = cv2.resize(random.standard_normal((7, 9)).astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
+    grey = np.clip(np.float32(CLOTH) + np.float32(FOLDS) * folds, 0.002, 1.0)
+    return np.asarray(np.repeat(grey[..., None], 3, axis=2))
+
+
+def _toward_camera(camera: CameraModel) -> float:
+    """+1 where the camera stands on the side of the plane to which x points, else -1."""
+    return float(np.sign(-(camera.rotation.T @ camera.translation_m)[0]))
+
+
+def _in_space(points_m: Floats, x_m: float) -> Floats:
+    return np.column_stack([np.full(len(points_m), x_m), points_m])
+
+
+def _circle(middle_m: Floats, radius_m: float) -> Floats:
+    turn = np.linspace(0.0, 2.0 * np.pi, ROUND, endpoint=False)
+    return np.asarray(middle_m + radius_m * np.column_stack([np.cos(turn), np.sin(turn)]))
+
+
+def _capsule(first_m: Floats, last_m: Floats, radius_m: float) -> Floats:
+    """Two half circles and the straight lines between them, in small steps since a lens bends lines."""
+    along = (last_m - first_m) / np.hypot(*(last_m - first_m))
+    across = np.array([-along[1], along[0]])
+    half = np.linspace(-np.pi / 2, np.pi / 2, ROUND // 2)[:, None]
+    far = last_m + radius_m * (np.cos(half) * along + np.sin(half) * across)
+    near = first_m - radius_m * (np.cos(half) * along + np.sin(half) * across)
+    way = np.linspace(0.0, 1.0, 12)[1:-1, None]
+    return np.vstack([far, far[-1] + way * (near[0] - far[-1]), near, near[-1] + way * (far[0] - near[-1])])
+
+
+def _paint_shells(scene: Light, hinges_m: Floats, shades: Floats, camera: CameraModel) -> None:
+    for first_m, last_m, shade in zip(hinges_m, hinges_m[1:], shades.tolist(), strict=False):
+        paint(scene, camera.project(_capsule(first_m, last_m, HALF_THICKNESS_M)), (shade, shade, shade))
+
+
+def _mark_centres(hinges_m: Floats, plan: MarkPlan) -> Floats:
+    centres = np.empty((len(plan.marks), 2))
+    for at, mark in enumerate(plan.marks):
+        link_m = hinges_m[mark.link] - hinges_m[mark.link - 1]
+        along = link_m / np.hypot(*link_m)
+        centres[at] = hinges_m[mark.link - 1] + mark.along_m * along + mark.across_m * np.array([-along[1], along[0]])
+    return centres
+
+
+def _paint_marks(scene: Light, hinges_m: Floats, plan: MarkPlan, camera: CameraModel) -> None:
+    for centre_m in _mark_centres(hinges_m, plan):
+        paint(scene, camera.project(_circle(centre_m, 0.5 * plan.diameter_m)), RED)
+
+
+def _paint_glint(scene: Light, hinges_m: Floats, camera: CameraModel, random: np.random.Generator) -> None:
+    """A streak along a link where its rounded edge throws the lamp back."""
+    link = int(random.integers(len(hinges_m) - 1))
+    first_m, last_m = hinges_m[link], hinges_m[link + 1]
+    along = (last_m - first_m) / np.hypot(*(last_m - first_m))
+    across = np.array([-along[1], along[0]]) * random.choice([-1.0, 1.0]) * random.uniform(0.3, 0.9) * HALF_THICKNESS_M
+    middle_m = first_m + random.uniform(0.0, 1.0) * (last_m - first_m) + across
+    half_length_m, half_width_m = random.uniform(0.002, 0.010), random.uniform(0.0003, 0.001)
+    brightness = random.uniform(0.3, 1.5)
+    outline = _capsule(middle_m - half_length_m * along, middle_m + half_length_m * along, half_width_m)
+    paint(scene, camera.project(outline), (brightness, brightness, brightness))
+
+
+def _paint_red_thing(scene: Light, hinges_m: Floats, plan: MarkPlan, camera: CameraModel, random: np.random.Generator) -> None:
+    """A button or a piece of tape, some way behind the leg: the button may be as large as a mark, and as red."""
+    lowest, highest = hinges_m.min(axis=0) - 0.08, hinges_m.max(axis=0) + 0.08
+    middle_m = random.uniform(lowest, highest)
+    red = (RED[0], RED[1], RED[2] * random.uniform(0.6, 1.3))
+    size_m = plan.diameter_m * random.uniform(0.4, 2.5)
+    if random.random() < 0.5:
+        outline = _circle(middle_m, 0.5 * size_m)
+    else:
+        turn = random.uniform(0.0, np.pi)
+        outline = _capsule(middle_m, middle_m + random.uniform(2.0, 8.0) * size_m * np.array([np.cos(turn), np.sin(turn)]), 0.3 * size_m)
+    paint(scene, camera.project(_in_space(outline, -BEHIND_M * _toward_camera(camera))), red)
+
+
+def _paint_plate(
+    scene: Light, hinges_m: Floats, shades: Floats, plan: MarkPlan, camera: CameraModel, depth_m: float, reflection: float
+) -> None:
+    """The plate's upper face as far as the camera looks down on it, the leg mirrored in it, and its front edge."""
+    toward = _toward_camera(camera)
+    along = np.linspace(-0.15, 0.45, 40)
+    front = np.column_stack([np.full(40, 0.1 * toward), along, np.full(40, depth_m)])
+    back = np.column_stack([np.full(40, -0.1 * toward), along, np.full(40, depth_m)])
+    face_px = camera.project(np.vstack([front, back[::-1]]))
+    edge_px = camera.project(np.vstack([front, front[::-1] + np.array([0.0, 0.0, 0.01])]))
+    paint(scene, face_px, PLATE)
+    covered = covered_share(scene.shape[:2], face_px)
+    if reflection > 0.0 and covered is not None and _above(camera, depth_m):
+        mirrored = scene.copy()
+        below_m = np.column_stack([hinges_m[:, 0], 2.0 * depth_m - hinges_m[:, 1]])
+        _paint_shells(mirrored, below_m, shades, camera)
+        _paint_marks(mirrored, below_m, plan, camera)
+        rows, columns, share = covered
+        scene[rows, columns] += reflection * share[..., None] * (mirrored - scene)[rows, columns]
+    paint(scene, edge_px, (0.12, 0.12, 0.11))
+
+
+def _above(camera: CameraModel, depth_m: float) -> bool:
+    """Whether the camera looks onto the plate's upper face."""
+    return bool(-(camera.rotation.T @ camera.translation_m)[2] < depth_m)
+
+
+def _paint_frame(
+    scene: Light, hinges_m: Floats, plan: MarkPlan, camera: CameraModel, hidden: int, hidden_share: float, random: np.random.Generator
+) -> None:
+    """A bar across the link, its edge over the mark, nearer to the camera; so near a mark a lens bends no line that counts."""
+    mark = plan.marks[hidden]
+    centre_m = _mark_centres(hinges_m, plan)[hidden]
+    link_m = hinges_m[mark.link] - hinges_m[mark.link - 1]
+    turn = np.arctan2(link_m[1], link_m[0]) + random.choice([0.0, np.pi]) + np.radians(random.uniform(-20.0, 20.0))
+    beyond, sideways = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    edge_m = centre_m + (0.5 - hidden_share) * plan.diameter_m * beyond
+    far_m = edge_m + FRAME_WIDTH_M * beyond
+    reach = np.linspace(-0.25, 0.25, 60)[:, None]
+    outline = np.vstack([edge_m + reach * sideways, far_m - reach * sideways])
+    paint(scene, camera.project(outline), FRAME)

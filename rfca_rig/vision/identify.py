@@ -1,0 +1,158 @@
+"""Which mark is which, told by the chain: known link lengths, order from the shaft outwards, and how far hinges turn.
+
+Nothing is guessed: a mark that another assignment, about equally good, would have elsewhere or not at all is reported and left out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.errors import BadInput
+from rfca_rig.vision.assignment import Assignment, Candidates, Tolerances, assignments_within
+from rfca_rig.vision.camera_model import CameraModel
+from rfca_rig.vision.chain_bounds import ChainBounds, chain_bounds
+from rfca_rig.vision.leg_marks import MarkPlan
+from rfca_rig.vision.marks import Mark
+
+Floats = NDArray[np.float64]
+
+HINGE_RANGE_RAD = float(np.radians(45.0))  # whole legs bend by 50 degrees between the shaft and the ground
+LENGTH_STD_M = 0.2e-3
+SHAFT_STD_M = 1.0e-3
+MARGIN = 12.0  # squared misfit by which the best assignment must beat every other
+ODD_SIZE = 0.08  # of the logarithm of the diameter
+SURE_RUN = 2
+LEAST_SEEN = 0.5  # of the planned marks; with fewer, chance makes chains
+NEARLY_M = 0.02
+
+Kind = Literal["missing", "misplaced", "extra", "ambiguous", "refused"]
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Something about the marks that is not as planned. `planned` is the mark's place in the plan, None for a mark beyond it."""
+
+    kind: Kind
+    planned: int | None
+    words: str
+
+
+@dataclass(frozen=True)
+class Identified:
+    """The found mark for each planned one, None where it cannot be told; the marks that are none of the leg's; and every doubt."""
+
+    marks: tuple[Mark | None, ...]
+    extra: tuple[Mark, ...]
+    doubts: tuple[Doubt, ...]
+
+    @property
+    def complete(self) -> bool:
+        """Every planned mark is told."""
+        return all(mark is not None for mark in self.marks)
+
+
+def identify(
+    marks: Sequence[Mark],
+    camera: CameraModel,
+    plan: MarkPlan,
+    link_lengths_m: Sequence[float],
+    *,
+    hinge_range_rad: float = HINGE_RANGE_RAD,
+    length_std_m: float = LENGTH_STD_M,
+    shaft_std_m: float = SHAFT_STD_M,
+) -> Identified:
+    """Assign found marks to planned ones. Raises BadInput where plan and link lengths do not belong together.
+
+    `length_std_m` is one standard deviation of the distance between neighbouring marks as measured on the leg, `shaft_std_m` that of
+    the shaft axis in the camera's calibration.
+    """
+    if plan.marks[-1].link > len(link_lengths_m):
+        raise BadInput(f"marks: the plan names link {plan.marks[-1].link}, the leg has {len(link_lengths_m)} links")
+    candidates = _candidates(marks, camera, plan)
+    bounds = chain_bounds(plan, link_lengths_m, hinge_range_rad)
+    found, finished = assignments_within(MARGIN, candidates, bounds, Tolerances(length_std_m, shaft_std_m))
+    if not finished:
+        return _refused(marks, plan, f"{len(marks)} red marks can be put together in too many ways; clear the picture of red things")
+    best = found[0]
+    seen = sum(mark >= 0 for mark in best.chosen)
+    if seen < LEAST_SEEN * len(plan.marks):
+        return _refused(marks, plan, f"only {seen} of {len(plan.marks)} marks fit the chain of known lengths; look at the overlay picture")
+    doubtful = _doubtful(best, found)
+    reasons = dict.fromkeys(_odd_sized(best, candidates, marks), "the red mark there differs in size from the others")
+    reasons |= dict.fromkeys(_loose(best, doubtful, bounds), "a red mark is there, but too loosely tied to the marks before it")
+    reasons |= dict.fromkeys(doubtful, "two readings of the photo fit about equally well")
+    return _told(marks, best, reasons, plan, _nearly(best, candidates, bounds, plan))
+
+
+def _candidates(marks: Sequence[Mark], camera: CameraModel, plan: MarkPlan) -> Candidates:
+    if not marks:
+        return Candidates(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    px = np.array([mark.px for mark in marks])
+    places = camera.discs_on_plane(px, plan.diameter_m)
+    scale = np.sqrt(np.abs(np.linalg.det(camera.on_plane_jacobian(px))))
+    std = scale * np.array([float(mark.std_px.max()) for mark in marks])
+    log_size = np.log([mark.diameter_px for mark in marks] / camera.disc_diameter_px(places, plan.diameter_m))
+    return Candidates(places, std, log_size)
+
+
+def _refused(marks: Sequence[Mark], plan: MarkPlan, words: str) -> Identified:
+    return Identified((None,) * len(plan.marks), tuple(marks), (Doubt("refused", None, words),))
+
+
+def _doubtful(best: Assignment, all_ones: Sequence[Assignment]) -> frozenset[int]:
+    """Planned marks that some other assignment within the margin has otherwise."""
+    return frozenset(i for other in all_ones for i, (a, b) in enumerate(zip(best.chosen, other.chosen, strict=True)) if a != b)
+
+
+def _loose(best: Assignment, doubtful: frozenset[int], bounds: ChainBounds) -> list[int]:
+    """Marks of runs that no known length ties to the shaft, unless a run is so long that chance does not make it."""
+    told = [i for i, found in enumerate(best.chosen) if found >= 0 and i not in doubtful]
+    runs: list[list[int]] = [[-1]]
+    for i in told:
+        tied = bounds.tied(runs[-1][-1] + 1, i + 1)
+        runs = [*runs[:-1], [*runs[-1], i]] if tied else [*runs, [i]]
+    return [i for run in runs[1:] if len(run) < SURE_RUN for i in run]
+
+
+def _odd_sized(best: Assignment, candidates: Candidates, marks: Sequence[Mark]) -> list[int]:
+    """Whole marks that differ from the leg's others in size: focus and exposure change all alike."""
+    seen = [(i, found) for i, found in enumerate(best.chosen) if found >= 0]
+    usual = float(np.median([candidates.log_size[found] for _, found in seen]))
+    return [i for i, found in seen if marks[found].whole and abs(candidates.log_size[found] - usual) > ODD_SIZE]
+
+
+def _told(marks: Sequence[Mark], best: Assignment, reasons: dict[int, str], plan: MarkPlan, nearly: dict[int, str]) -> Identified:
+    told = tuple(marks[found] if found >= 0 and i not in reasons else None for i, found in enumerate(best.chosen))
+    doubts = [Doubt("ambiguous", i, f"{plan.name(i)}: {words}") for i, words in sorted(reasons.items())]
+    for i, found in enumerate(best.chosen):
+        if found < 0 and i not in reasons:
+            near = nearly.get(i)
+            doubts.append(Doubt("misplaced" if near else "missing", i, f"{plan.name(i)}: {near or 'not seen'}"))
+    extra = tuple(mark for number, mark in enumerate(marks) if number not in best.chosen)
+    doubts += [Doubt("extra", None, f"red mark at ({mark.px[0]:.0f}, {mark.px[1]:.0f}) px is none of the leg's") for mark in extra]
+    return Identified(told, extra, tuple(doubts))
+
+
+def _nearly(best: Assignment, candidates: Candidates, bounds: ChainBounds, plan: MarkPlan) -> dict[int, str]:
+    """For missing marks, how far off the nearest unused red mark is from where the neighbour allows one."""
+    unused = [n for n in range(len(candidates.places_m)) if n not in best.chosen]
+    said = {}
+    for i in (i for i, found in enumerate(best.chosen) if found < 0):
+        before = max((j for j in range(i) if best.chosen[j] >= 0), default=None)
+        start = np.zeros(2) if before is None else candidates.places_m[best.chosen[before]]
+        pair = (0 if before is None else before + 1, i + 1)
+        misses = [bounds.excess_m(*pair, float(np.linalg.norm(candidates.places_m[n] - start))) for n in unused]
+        if misses and min(map(abs, misses)) < NEARLY_M:
+            miss = min(misses, key=abs)
+            origin = "the shaft axis" if before is None else f"the {plan.name(before)}"
+            side = "farther from" if miss >= 0 else "nearer to"
+            off = (
+                f"{abs(miss) * 1e3:.1f} mm {side} {origin} than the lengths allow"
+                if miss
+                else "where other marks or its size speak against it"
+            )
+            said[i] = f"a red mark is there, but {off}"
+    return said

@@ -1,0 +1,97 @@
+"""The outline of a disc through its rim points: a nearly round ellipse, with what is hidden or glaring left out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+ATTEMPTS = 80
+CIRCLE_BAND = 0.07  # of the radius: points so close to a circle are on it
+ROUNDS = 8
+TUKEY = 4.0
+SMALLEST_SCATTER_PX = 0.03
+NEIGHBOURS_SHARE_NOISE = 3.0  # smoothing and blur make neighbouring rim points err together: so many count as one
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Radius px, and the ellipse's first order (cos 2t, sin 2t) relative to it; standard deviations to which a photo's marks share them."""
+
+    radius_px: float
+    bend: tuple[float, float] = (0.0, 0.0)
+    radius_std: float = 0.15
+    bend_std: float = 0.04
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Middle (2,) px with its covariance (2, 2) px2, radius px, bend (2,), and the share of the rim that lies on the outline."""
+
+    middle_px: Floats
+    covariance_px2: Floats
+    radius_px: float
+    bend: tuple[float, float]
+    seen: float
+
+
+def likely_circle(points: Floats, radius_px: float, spread: float, random: np.random.Generator) -> Floats | None:
+    """Middle and radius (3,) px of the circle of about the radius that most points (n, 2) lie on; None where there is none."""
+    if len(points) < 6:
+        return None
+    triples = points[np.array([random.choice(len(points), 3, replace=False) for _ in range(ATTEMPTS)])]
+    circles = _through(triples)
+    size = circles[:, 2]
+    circles = circles[np.isfinite(size) & (size > radius_px / (1 + spread)) & (size < radius_px * (1 + spread))]
+    if not len(circles):
+        return None
+    miss = np.abs(np.linalg.norm(points[None] - circles[:, None, :2], axis=-1) - circles[:, 2:])
+    return np.asarray(circles[np.argmax((miss < CIRCLE_BAND * radius_px).sum(axis=1))])
+
+
+def _through(triples: Floats) -> Floats:
+    """Circles (m, 3) as x, y, radius through triples of points (m, 3, 2); not finite for three in a line."""
+    first = triples[:, 0]
+    edges = triples[:, 1:] - first[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        determinant = 2.0 * (edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
+        squares = (edges**2).sum(axis=-1)
+        x = (edges[:, 1, 1] * squares[:, 0] - edges[:, 0, 1] * squares[:, 1]) / determinant
+        y = (edges[:, 0, 0] * squares[:, 1] - edges[:, 1, 0] * squares[:, 0]) / determinant
+    return np.column_stack([first[:, 0] + x, first[:, 1] + y, np.hypot(x, y)])
+
+
+def fit_outline(points: Floats, start_px: Floats, shape: Shape, rays: int) -> Outline | None:
+    """The outline through those of the points (n, 2) px that lie on one, started from a middle; None where too few do.
+
+    Weights by Tukey's biweight; the shape enters as what is known beforehand, so that half a rim still gives a middle.
+    """
+    values = np.array([*start_px, shape.radius_px, *shape.bend])
+    believed = values.copy()
+    known = np.array([0.0, 0.0, 1 / (shape.radius_std * shape.radius_px) ** 2, 1 / shape.bend_std**2, 1 / shape.bend_std**2])
+    scatter = CIRCLE_BAND * shape.radius_px
+    for _ in range(ROUNDS):
+        miss, slopes = _misses(points, values)
+        weights = np.clip(1.0 - (miss / (TUKEY * scatter)) ** 2, 0.0, None) ** 2
+        if (weights > 0.2).sum() < 6:
+            return None
+        scatter = max(SMALLEST_SCATTER_PX, 1.4826 * float(np.median(np.abs(miss[weights > 0.2]))))
+        information = (slopes.T * weights) @ slopes / scatter**2 / NEIGHBOURS_SHARE_NOISE + np.diag(known)
+        pull = (slopes.T * weights) @ miss / scatter**2 / NEIGHBOURS_SHARE_NOISE + known * (believed - values)
+        values = values + np.linalg.solve(information, pull)
+    seen = min(1.0, float((weights > 0.2).sum()) / rays)
+    covariance = np.asarray(np.linalg.inv(information)[:2, :2], np.float64)
+    return Outline(values[:2], covariance, float(values[2]), (float(values[3]), float(values[4])), seen)
+
+
+def _misses(points: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Distance of points (n,) px outside of the outline, and the outline's slopes (n, 5) by its five values."""
+    from_middle = points - values[:2]
+    distance = np.maximum(np.hypot(from_middle[:, 0], from_middle[:, 1]), 1e-9)
+    cos, sin = from_middle[:, 0] / distance, from_middle[:, 1] / distance
+    double_cos, double_sin = cos * cos - sin * sin, 2 * cos * sin
+    relative = 1.0 + values[3] * double_cos + values[4] * double_sin
+    slopes = np.column_stack([cos, sin, relative, values[2] * double_cos, values[2] * double_sin])
+    return distance - values[2] * relative, slopes

@@ -1,0 +1,34 @@
+"""The plant's shape as a camera asks for it: absolute angles, positive downwards, of a leg that hangs still."""
+
+from math import cos, pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rfca_rig.bench.leg_plant import LegPlant, Scatter
+from rfca_rig.description.rig_file import read_rig
+
+RIG = read_rig(Path(__file__).parents[2] / "calibration" / "twin.toml").model()
+
+
+def test_every_hinge_carries_the_weight_beyond_it():
+    plant = LegPlant(RIG, 0.5, 0.3, 1e-3, Scatter(), np.random.default_rng(1))
+    angles_rad, lengths_m, masses_kg = plant.link_angles_rad(), plant.link_lengths_m(), RIG.leg.link_masses_kg
+    assert angles_rad.shape == lengths_m.shape == (7,)
+    assert angles_rad[0] == pytest.approx(plant.shaft().angle_rad) == pytest.approx(0.3)
+    assert plant.ground_depth_m() == 0.5
+    for hinge in range(1, 7):
+        reach_m = moment_Nm = 0.0
+        for link in range(hinge, 7):
+            along_m = lengths_m[link] * cos(angles_rad[link])
+            moment_Nm += 9.81 * masses_kg[link] * (reach_m + 0.5 * along_m)
+            reach_m += along_m
+        phi = angles_rad[hinge] - angles_rad[hinge - 1]
+        assert RIG.leg.k0_Nm_per_rad * (phi + RIG.leg.k2_per_rad2 * phi**3) == pytest.approx(moment_Nm, rel=2e-3)
+
+
+def test_the_shape_is_a_copy():
+    plant = LegPlant(RIG, 0.5, pi / 6, 1e-3, Scatter(), np.random.default_rng(1))
+    plant.link_angles_rad()[:] = 0.0
+    assert plant.link_angles_rad()[0] == pytest.approx(pi / 6)
