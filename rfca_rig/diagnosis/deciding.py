@@ -70,7 +70,8 @@ def _attempt(found: Found, best: Hypothesis, candidates: int, rivals: tuple[Riva
         verdict: Verdict = "nothing missing" if _probability(rivals, UNKNOWN) < 0.5 else "unexplained"
         return Decision(verdict, found.nothing, (), gates, rivals, best, _nothing_or_unknown(found))
     if not all(gate.passed for gate in gates):
-        verdict = "nothing missing" if found.nothing.judgement.error < GOOD_FIT else "unexplained"
+        adequate = found.nothing.judgement.error < GOOD_FIT and not strain_of(found.nothing)
+        verdict = "nothing missing" if adequate else "unexplained"
         return Decision(verdict, found.nothing, (), gates, rivals, best, _nothing_or_unknown(found))
     return Decision("named", best, _named(best, classes, probability), gates, rivals, None, nothing)
 

@@ -58,7 +58,7 @@ def _each_needed(found: Found, best: Hypothesis, candidates: int) -> Gate:
         return Gate("each needed", True, "neither explains anything alone")
     gain = best.judgement.log_evidence - alone.judgement.log_evidence
     before, after = (float(left_out(found, h).mean()) for h in (alone, best))
-    better = before - after >= WORTH_ADDING * before or (bool(strain_of(alone)) and not strain_of(best))
+    better = before - after >= WORTH_ADDING * before or _relieves(best, alone)
     text = f"log evidence {gain:.1f} above that of the better one alone, {needed:.1f} needed"
     text += f"; conditions left out are foretold to {after:.2f} instead of {before:.2f}"
     return Gate("each needed", gain >= needed and better, text)
@@ -118,6 +118,7 @@ def _foretold(found: Found, best: Hypothesis) -> Gate:
         return Gate("foretells", False, f"only {len(before)} conditions: none can be left out to be foretold")
     gains = before - after
     enough = float(gains.mean()) > max(float(gains.std(ddof=1)) / np.sqrt(len(gains)), WORTH_NAMING * float(before.mean()))
+    enough = enough or (_relieves(best, found.nothing) and float(gains.mean()) > 0.0)
     share = float(np.mean(gains > 0.0))
     none_worse = bool((-gains <= floor).all())
     text = (
@@ -152,6 +153,11 @@ def _plausible(best: Hypothesis) -> Gate:
     off = strain_of(best)
     problems = strained + ([off] if off else [])
     return Gate("plausible", not problems, "; ".join(problems) or "all values within what is plausible")
+
+
+def _relieves(best: Hypothesis, simpler: Hypothesis) -> bool:
+    """Whether nuisances that had to leave what they are believed to be under the simpler hypothesis need not under the best."""
+    return bool(strain_of(simpler)) and not strain_of(best)
 
 
 def strain_of(hypothesis: Hypothesis) -> str:
