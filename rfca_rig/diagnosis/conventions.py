@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.covariance import discrepancy, factored
-from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.evidence import Evidence, evidence_of
 from rfca_rig.diagnosis.linear import Linear, posterior_of
 from rfca_rig.diagnosis.stages import HOLD_S, StageTable
 from rfca_rig.model.static_stages import StageMoves
@@ -23,6 +23,14 @@ STEP = 0.3
 def likeliest_moves(tables: Sequence[StageTable], coordinates: Coordinates, x: Floats) -> StageMoves:
     """Of the usual ways the one with the greatest evidence, all unknowns free around x."""
     return max(MOVES, key=lambda moves: _log_evidence([replace(table, moves=moves) for table in tables], coordinates, x))
+
+
+def with_likeliest_moves(evidence: Evidence, coordinates: Coordinates, x: Floats) -> Evidence:
+    """The evidence, its static tables moved through as is likeliest around x; the very same where that is how they are already."""
+    tables = evidence.tables
+    if not tables or tables[0].moves == (moves := likeliest_moves(tables, coordinates, x)):
+        return evidence
+    return evidence_of([replace(part, moves=moves) if isinstance(part, StageTable) else part for part in evidence.parts])
 
 
 def _log_evidence(tables: Sequence[StageTable], coordinates: Coordinates, x: Floats) -> float:

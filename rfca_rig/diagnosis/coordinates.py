@@ -50,7 +50,7 @@ def _is_scale(parameter: Parameter) -> bool:
 
 @dataclass(frozen=True)
 class Choice:
-    """One effect as a hypothesis has it: `whole` gives the parameters that count something, all others are free."""
+    """One effect as a hypothesis has it: `whole` gives the parameters that count something, all others are free, as is how it begins."""
 
     effect: Effect
     whole: tuple[tuple[str, float], ...] = ()
@@ -58,12 +58,12 @@ class Choice:
     @property
     def free(self) -> tuple[Parameter, ...]:
         """The parameters that are fitted."""
-        return tuple(parameter for parameter in self.effect.parameters if not parameter.whole)
+        return (*(parameter for parameter in self.effect.parameters if not parameter.whole), *self.effect.begins)
 
     def present(self, z: Floats) -> PresentEffect:
         """The effect at the coordinates z of its free parameters."""
         found = dict(self.whole) | {p.name: value_of(p, float(x)) for p, x in zip(self.free, z, strict=True)}
-        return PresentEffect(self.effect.id, tuple((p.name, found[p.name]) for p in self.effect.parameters))
+        return PresentEffect(self.effect.id, tuple((p.name, found[p.name]) for p in (*self.effect.parameters, *self.effect.begins)))
 
 
 @dataclass(frozen=True)

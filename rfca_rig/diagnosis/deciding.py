@@ -152,7 +152,7 @@ def values_of(hypothesis: Hypothesis, number: int) -> dict[str, Value]:
     std = np.sqrt(np.diag(posterior.covariance))[coordinates.part(number)]
     free = zip(choice.free, posterior.mean[coordinates.part(number)], std, strict=True)
     rig = coordinates.space.centre.rig
-    found = {p.name: _value(choice.effect, p, rig, float(z), float(s)) for p, z, s in free}
+    found = {p.name: _value(choice.effect, p, rig, float(z), float(s)) for p, z, s in free if p not in choice.effect.begins}
     return {name: Value(value, 0.0) for name, value in choice.whole} | found
 
 

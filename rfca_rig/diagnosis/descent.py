@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.coordinates import FARTHEST, Coordinates
 from rfca_rig.diagnosis.covariance import AtError, Whitening
 from rfca_rig.diagnosis.evidence import Evidence
-from rfca_rig.diagnosis.judging import Judge
+from rfca_rig.diagnosis.judging import Judge, Judgement
 from rfca_rig.diagnosis.linear import Linear, posterior_of
 
 Floats = NDArray[np.float64]
@@ -112,6 +112,18 @@ class Descent:
             if share < SHORTEST:
                 return here
         return here
+
+    def judged(self, found: Fitted) -> Judgement:
+        """How likely the recordings are with the hypothesis as it stands; what only its slopes promise, and no step found, does not count.
+
+        A slope across a kink, as of a stop that no hinge reaches, promises much.
+        """
+        linear = found.linear(self.evidence.rows.measured)
+        judgement = self.judge.judged(linear)
+        mean, whitening = judgement.posterior.mean, judgement.whitening
+        promised = self._misfit(mean, found.predicted + found.slope @ (mean - found.x), whitening)
+        missing = self._misfit(found.x, found.predicted, whitening) - promised
+        return replace(judgement, log_evidence=judgement.log_evidence - max(missing, 0.0))
 
     def _misfit(self, x: Floats, predicted: Floats, whitening: Whitening) -> float:
         """Minus the log posterior density at x, but for a constant."""

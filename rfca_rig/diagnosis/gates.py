@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.decoys import best_decoy, taken_away
 from rfca_rig.diagnosis.leaving_out import foretold_apart
 from rfca_rig.diagnosis.linear import Linear, posterior_of
 from rfca_rig.diagnosis.result import Gate
@@ -31,6 +32,7 @@ def gates_of(found: Found, best: Hypothesis, candidates: int) -> tuple[Gate, ...
         _invariance(found, best, signatures, "conditions", found.evidence.rows.condition),
         _invariance(found, best, signatures, "channels", _channels(found)),
         _foretold(found, best),
+        _no_decoy(found, best),
         _plausible(best),
         _remainder(found, best),
     )
@@ -52,8 +54,7 @@ def _each_needed(found: Found, best: Hypothesis, candidates: int) -> Gate:
     if len(best.ids) < 2:
         return Gate("each needed", True, "one effect only")
     needed = 3.0 + float(np.log(candidates))
-    simpler = [h for h in found.named if len(h.ids) < len(best.ids) and set(h.ids) < set(best.ids)]
-    alone = max(simpler, key=lambda h: h.judgement.log_evidence, default=None)
+    alone = _best_part(found, best)
     if alone is None:
         return Gate("each needed", True, "neither explains anything alone")
     gain = best.judgement.log_evidence - alone.judgement.log_evidence
@@ -62,6 +63,18 @@ def _each_needed(found: Found, best: Hypothesis, candidates: int) -> Gate:
     text = f"log evidence {gain:.1f} above that of the better one alone, {needed:.1f} needed"
     text += f"; conditions left out are foretold to {after:.2f} instead of {before:.2f}"
     return Gate("each needed", gain >= needed and better, text)
+
+
+def _best_part(found: Found, best: Hypothesis) -> Hypothesis | None:
+    parts = [h for h in found.named if set(h.ids) < set(best.ids)]
+    return max(parts, key=lambda h: h.judgement.log_evidence, default=None)
+
+
+def _no_decoy(found: Found, best: Hypothesis) -> Gate:
+    """What the last effect adds is more than any decoy would."""
+    simpler = _best_part(found, best) or found.nothing
+    own, decoy = taken_away(found, best, simpler), best_decoy(found, best, simpler)
+    return Gate("no decoy does as well", own > decoy, f"takes away {own:.0f} of chi2, the best decoy {decoy:.0f}")
 
 
 def _signatures(found: Found, best: Hypothesis) -> list[Floats]:
@@ -119,13 +132,18 @@ def _foretold(found: Found, best: Hypothesis) -> Gate:
     gains = before - after
     enough = float(gains.mean()) > max(float(gains.std(ddof=1)) / np.sqrt(len(gains)), WORTH_NAMING * float(before.mean()))
     enough = enough or (_relieves(best, found.nothing) and float(gains.mean()) > 0.0)
-    share = float(np.mean(gains > 0.0))
+    share = max(float(np.mean(gains > 0.0)), share_by_size(gains) if float(after.mean()) < 1.0 else 0.0)
     none_worse = bool((-gains <= floor).all())
     text = (
         f"{100 * share:.0f} % of {len(gains)} conditions are foretold better from the others; rms {before.mean():.2f} -> {after.mean():.2f}"
     )
     well = float(after.mean()) <= FORETOLD_TO
     return Gate("foretells", enough and well and share >= MOST_IMPROVE and none_worse, text + " of what a usual model error explains")
+
+
+def share_by_size(gains: Floats) -> float:
+    """How much of all that changes gets better: a stop that few conditions reach leaves the others to chance."""
+    return float(gains[gains > 0.0].sum() / max(np.abs(gains).sum(), 1e-300))
 
 
 def left_out(found: Found, hypothesis: Hypothesis) -> Floats:

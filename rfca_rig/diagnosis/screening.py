@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.coordinates import Choice
+from rfca_rig.diagnosis.coordinates import Choice, coordinate_of
 from rfca_rig.diagnosis.covariance import Whitening
 from rfca_rig.diagnosis.descent import Fitted
 from rfca_rig.diagnosis.evidence import Evidence
@@ -19,7 +19,7 @@ ALONE = (-1.4, -0.5, 0.5, 1.4)
 TOGETHER = (-1.1, 0.0, 1.1)
 OF_THREE = (-1.0, 0.8)
 SIGNED_SHARES = (-0.6, -0.15, 0.15, 0.6)
-RESCALED = 3.0  # a signature may be this much too large or small and still be a start
+RESCALED = 3.0  # a signature may be this much too small and still be a start; one too large is, too: its shape tells
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def choices_of(effect: Effect) -> tuple[Choice, ...]:
 
 def tried(evidence: Evidence, base: Fitted, choices: Sequence[Choice]) -> list[Trial]:
     """All choices over a coarse grid of their parameters, on top of what `base` has already; those without an answer are left out."""
-    points = [(choice, z) for choice in choices for z in _grid(choice)]
+    points = [(choice, z) for choice in choices for z in grid_of(choice)]
     coordinates = base.coordinates
     supposed = []
     for choice, z in points:
@@ -50,13 +50,19 @@ def tried(evidence: Evidence, base: Fitted, choices: Sequence[Choice]) -> list[T
     return [Trial(c, z, there - base.predicted) for (c, z), there in zip(points, found, strict=True) if there is not None]
 
 
-def _grid(choice: Choice) -> list[Floats]:
-    free = choice.free
+def grid_of(choice: Choice) -> list[Floats]:
+    """The places where a choice is tried, each (p,): what the effect says itself, or a coarse grid; all at rest."""
+    free = [parameter for parameter in choice.effect.parameters if not parameter.whole]
+    at_rest = (0.0,) * len(choice.effect.begins)
     if choice.whole:
         return [np.full(len(free), 0.3)]
-    if len(free) == 1:
-        return [np.array([z]) for z in _alone(free[0])]
-    return [np.array(point) for point in product(TOGETHER if len(free) == 2 else OF_THREE, repeat=len(free))]
+    usual = TOGETHER if len(free) == 2 else OF_THREE
+    starts = [_alone(free[0])] if len(free) == 1 else [_starts(parameter) or usual for parameter in free]
+    return [np.array((*point, *at_rest)) for point in product(*starts)]
+
+
+def _starts(parameter: Parameter) -> tuple[float, ...]:
+    return tuple(coordinate_of(parameter, value) for value in parameter.starts)
 
 
 def _alone(parameter: Parameter) -> tuple[float, ...]:
@@ -91,7 +97,7 @@ class Projection:
         power, match = float(white @ inside), float(white @ self.residual)
         if power <= 0.0:
             return 0.0, 1.0
-        factor = float(np.clip(match / power, 1.0 / RESCALED, RESCALED))
+        factor = float(np.clip(match / power, 0.0, RESCALED))
         return 2.0 * factor * match - factor**2 * power, factor
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.conventions import with_likeliest_moves
 from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.descent import Descent, Fitted
 from rfca_rig.diagnosis.evidence import THREADS, Evidence
@@ -83,13 +84,10 @@ def searched(evidence: Evidence, coordinates: Coordinates, effects: Sequence[Eff
     progress("a first look at every effect", 0.1)
     trials = tried(evidence, base, [choice for effect in effects for choice in choices_of(effect)])
     progress("each effect", 0.3)
-    singles = _refined(descent, base, _promising(descent, base, trials, REFINED, STARTS))
-    singles = _best_polished(descent, singles)
-    better = _scatter_around_best(descent, base, singles)
-    if better is not None:
-        scatter, descent = better, Descent(evidence, judge_of(evidence.rows, better.columns))
-        singles = _best_polished(descent, singles)
-        base = _polished_if_near(descent, base, singles)
+    singles = _best_polished(descent, _refined(descent, base, _promising(descent, base, trials, REFINED, STARTS)))
+    best = _clearly_better(descent, base, singles)
+    if best is not None:
+        descent, scatter, base, singles = _anew_around(best, descent.evidence, base, singles)
     progress("pairs of effects", 0.6)
     pairs = _best_polished(descent, _pairs(descent, base, singles, trials))
     progress("weighing", 0.9)
@@ -97,26 +95,52 @@ def searched(evidence: Evidence, coordinates: Coordinates, effects: Sequence[Eff
     return replace(_weighed(descent, base, [*singles, *pairs], trials, scatter, len(effects)), believed=believed)
 
 
+def _anew_around(
+    best: Fitted, evidence: Evidence, base: Fitted, singles: Sequence[Fitted]
+) -> tuple[Descent, Scatter, Fitted, list[Fitted]]:
+    """What scatters acts through the leg and drive as they are, and how a static table was moved through shows in how its tip was held:
+    both are learnt anew where an effect describes them better, and all fits carried on from where they stand.
+    """
+    moved = with_likeliest_moves(evidence, best.coordinates, best.x)
+    scatter = scatter_of(moved, best.coordinates.supposed(best.x))
+    descent = Descent(moved, judge_of(moved.rows, scatter.columns))
+    if moved is not evidence:
+        base = _carried_on(descent, base)
+        singles = [_carried_on(descent, single) for single in singles]
+    singles = _best_polished(descent, singles)
+    return descent, scatter, _polished_if_near(descent, base, singles), singles
+
+
+def _carried_on(descent: Descent, fitted: Fitted) -> Fitted:
+    """A fit to other evidence, fitted to this; as it was where the model has no answer there."""
+    here = descent.at(fitted.coordinates, fitted.x, fitted.slope)
+    return fitted if here is None else descent.descended(here)
+
+
 def _polished_if_near(descent: Descent, base: Fitted, singles: Sequence[Fitted]) -> Fitted:
     best = max((_evidence(descent, single) for single in singles), default=-np.inf)
     return descent.polished(base) if _evidence(descent, base) > best - FAR_BELOW else base
 
 
-def _scatter_around_best(descent: Descent, base: Fitted, singles: Sequence[Fitted]) -> Scatter | None:
-    """What scatters acts through the leg and drive as they are: learnt anew where an effect describes them better."""
+def _clearly_better(descent: Descent, base: Fitted, singles: Sequence[Fitted]) -> Fitted | None:
+    """The best of them, if it leaves the base far behind."""
     best = max(singles, key=lambda single: _evidence(descent, single), default=None)
-    if best is None or _evidence(descent, best) < _evidence(descent, base) + CLEARLY_BETTER:
-        return None
-    return scatter_of(descent.evidence, best.coordinates.supposed(best.x))
+    return None if best is None or _evidence(descent, best) < _evidence(descent, base) + CLEARLY_BETTER else best
 
 
 def _best_polished(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:
     """The likeliest at its very best point, and those few that come near it; the others stay as they are, far below."""
     ranked = sorted(fits, key=lambda fitted: -_evidence(descent, fitted))
-    best = [descent.polished(fitted) for fitted in ranked[:1]]
+    best = [_from_belief_too(descent, descent.polished(fitted)) for fitted in ranked[:1]]
     near = [f for f in ranked[1:POLISHED_BEST] if _evidence(descent, f) > _evidence(descent, best[0]) - FAR_BELOW]
     with ThreadPoolExecutor(THREADS) as pool:
         return [*best, *pool.map(descent.polished, near), *ranked[1 + len(near) :]]
+
+
+def _from_belief_too(descent: Descent, found: Fitted) -> Fitted:
+    """The better of what was found and of where its effects lead when the nuisances begin once more as believed."""
+    again = [descent.polished(descent.descended(begin)) for begin in _as_believed(descent, found)]
+    return max((found, *again), key=lambda fitted: _evidence(descent, fitted))
 
 
 def _no_worse_than_nested(descent: Descent, singles: Sequence[Fitted], pairs: Sequence[Fitted]) -> list[Fitted]:
@@ -152,20 +176,40 @@ def _promising(descent: Descent, base: Fitted, trials: Iterable[Trial], count: i
         gains.setdefault((trial.choice.effect.id, trial.choice.whole), []).append((projection.gain(trial.signature)[0], trial))
     ranked = [sorted(group, key=lambda pair: -pair[0]) for group in gains.values()]
     ranked = sorted((group for group in ranked if group[0][0] > WORTH_A_FIT), key=lambda group: -group[0][0])
-    return [[trial for gain, trial in group[:starts] if gain >= 0.5 * group[0][0]] for group in ranked[:count]]
+    return [_starting(group, starts) for group in ranked[:count]]
+
+
+def _starting(ranked: Sequence[tuple[float, Trial]], starts: int) -> list[Trial]:
+    """The best places of one effect; more where steps from one lead to few others."""
+    return [trial for gain, trial in ranked[: 2 * starts if _is_rugged(ranked[0][1]) else starts] if gain >= 0.5 * ranked[0][0]]
+
+
+def _is_rugged(trial: Trial) -> bool:
+    return any(parameter.starts for parameter in trial.choice.effect.parameters)
 
 
 def _refined(descent: Descent, base: Fitted, groups: Sequence[Sequence[Trial]]) -> list[Fitted]:
+    bases = [base, *_as_believed(descent, base)]
     with ThreadPoolExecutor(THREADS) as pool:
-        found = list(pool.map(lambda group: _best_of(descent, base, group), groups))
+        found = list(pool.map(lambda group: _best_of(descent, bases, group), groups))
     return [fitted for fitted in found if fitted is not None]
 
 
-def _best_of(descent: Descent, base: Fitted, group: Sequence[Trial]) -> Fitted | None:
-    """A few steps from every start, and all the way from where they led furthest."""
-    begun = [begin for trial in group if (begin := _begun(descent, base, trial)) is not None]
-    best = max(begun, key=lambda begin: _evidence(descent, begin), default=None)
-    return None if best is None else descent.descended(best)
+def _as_believed(descent: Descent, base: Fitted) -> list[Fitted]:
+    """The base with all nuisances where they are believed, if they had to go far: what is missing may have drawn them there."""
+    nuisances = base.coordinates.nuisances
+    if float(np.abs(base.x[:nuisances]).max()) < STRAINED:
+        return []
+    x = np.concatenate([np.zeros(nuisances), base.x[nuisances:]])
+    there = descent.at(base.coordinates, x, base.slope)
+    return [] if there is None else [there]
+
+
+def _best_of(descent: Descent, bases: Sequence[Fitted], group: Sequence[Trial]) -> Fitted | None:
+    """A few steps from every start, and all the way from where they led furthest, or from two such places where steps lead astray."""
+    begun = [begin for trial in group for base in bases if (begin := _begun(descent, base, trial)) is not None]
+    best = sorted(begun, key=lambda begin: -_evidence(descent, begin))[: 2 if _is_rugged(group[0]) else 1]
+    return max((descent.descended(begin) for begin in best), key=lambda found: _evidence(descent, found), default=None)
 
 
 def _begun(descent: Descent, base: Fitted, trial: Trial) -> Fitted | None:
@@ -176,11 +220,7 @@ def _begun(descent: Descent, base: Fitted, trial: Trial) -> Fitted | None:
 
 
 def _evidence(descent: Descent, fitted: Fitted) -> float:
-    return _judged(descent, fitted).log_evidence
-
-
-def _judged(descent: Descent, fitted: Fitted) -> Judgement:
-    return descent.judge.judged(fitted.linear(descent.evidence.rows.measured))
+    return descent.judged(fitted).log_evidence
 
 
 def _pairs(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Sequence[Trial]) -> list[Fitted]:
@@ -188,8 +228,8 @@ def _pairs(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Se
 
     Where nothing is missing, or one effect leaves no more than a good model does, none is sought.
     """
-    judged = sorted(((_judged(descent, single), single) for single in singles), key=lambda pair: -pair[0].log_evidence)
-    nothing = _judged(descent, base)
+    judged = sorted(((descent.judged(single), single) for single in singles), key=lambda pair: -pair[0].log_evidence)
+    nothing = descent.judged(base)
     if not judged or any(fits_well(found, base.coordinates.nuisances) for found in (nothing, judged[0][0])):
         return []
     found: dict[frozenset[str], Fitted] = {}
@@ -198,7 +238,7 @@ def _pairs(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Se
             break
         own = _ids(single)
         others = {(t.choice.effect.id, t.choice.whole): t.choice for t in trials if t.choice.effect.id not in own}
-        groups = _promising(descent, single, tried(descent.evidence, single, list(others.values())), PARTNERS, 1)
+        groups = _promising(descent, single, tried(descent.evidence, single, list(others.values())), PARTNERS, STARTS)
         new = [group for group in groups if frozenset((*own, group[0].choice.effect.id)) not in found]
         for pair in _refined(descent, single, new):
             found[frozenset(_ids(pair))] = pair
@@ -216,8 +256,8 @@ def _ids(fitted: Fitted) -> tuple[str, ...]:
 
 def _weighed(descent: Descent, base: Fitted, fits: Sequence[Fitted], trials: Sequence[Trial], scatter: Scatter, effects: int) -> Found:
     measured = descent.evidence.rows.measured
-    nothing = Hypothesis((), base, descent.judge.judged(base.linear(measured)), float(np.log(PRIOR_NOTHING)))
-    named = [Hypothesis(_ids(f), f, descent.judge.judged(f.linear(measured)), _log_prior(f, effects)) for f in fits]
+    nothing = Hypothesis((), base, descent.judged(base), float(np.log(PRIOR_NOTHING)))
+    named = [Hypothesis(_ids(f), f, descent.judged(f), _log_prior(f, effects)) for f in fits]
     unknown = descent.judge.judged_unknown(base.linear(measured))
     ranked = tuple(sorted(named, key=lambda hypothesis: -hypothesis.log_joint))
     return Found(base, nothing, unknown, ranked, tuple(trials), scatter, descent.judge, descent.evidence)

@@ -19,7 +19,8 @@ class Truth:
     """The part of a truth that is scored. `effects` with their parameters; `accepted` are further right names.
 
     `nameless` where something is wrong that no name fits, so that only "unexplained", or a refusal, is right; `left` is how far the forces
-    shift beyond what believed values can explain, in units of the noise; `faintest` the same for the effect that shows least.
+    shift beyond what believed values can explain, in units of the noise; `faintest` the same for the effect that shows least, and
+    `faintest_above` in units of noise and usual model error.
     """
 
     case: str
@@ -34,6 +35,7 @@ class Truth:
     strength: float
     left: float
     faintest: float
+    faintest_above: float
 
 
 def truth_in(truth: Mapping[str, Any]) -> Truth:
@@ -51,8 +53,13 @@ def truth_in(truth: Mapping[str, Any]) -> Truth:
         lawless=truth["uneven"] is not None,
         strength=truth["strength"],
         left=float("inf") if left is None else left,
-        faintest=min((float("inf") if each is None else each for each in truth["left_of_each"].values()), default=float("inf")),
+        faintest=_faintest(truth["left_of_each"]),
+        faintest_above=_faintest(truth.get("above_of_each", {})),
     )
+
+
+def _faintest(of_each: Mapping[str, float | None]) -> float:
+    return min((float("inf") if each is None else each for each in of_each.values()), default=float("inf"))
 
 
 def false_claims(truth: Truth, said: Said) -> tuple[Claim, ...]:

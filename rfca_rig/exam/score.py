@@ -46,7 +46,8 @@ class Share:
 
 @dataclass(frozen=True)
 class Marks:
-    """All marks. "Detectable" means shifted by more than DETECTABLE beyond what believed values explain.
+    """All marks. "Detectable" means shifted by more than DETECTABLE beyond what believed values explain; "above" by as much in units of
+    noise and usual model error.
 
     `outcomes` counts outcomes per kind; `confusion` counts (true effect, what was said) over cases with one effect;
     `power` is the share named right per fifth of the strength. `false_alarms`, `missed`, `detection_errors` and `classification_errors`
@@ -62,9 +63,11 @@ class Marks:
     single_right: Share
     single_right_detectable: Share
     single_in_class_detectable: Share
+    single_in_class_above: Share
     power: tuple[Share, ...]
     pairs_exact: Share
     pairs_exact_detectable: Share
+    pairs_exact_above: Share
     pairs_without_wrong: Share
     stranger_unexplained: Share
     stranger_wrong: Share
@@ -103,9 +106,11 @@ def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, Said]) ->
         single_right=_share(single, RIGHT),
         single_right_detectable=_share(detectable, RIGHT),
         single_in_class_detectable=_share(detectable, RIGHT, CLASS),
+        single_in_class_above=_share([pair for pair in single if pair[0].faintest_above >= DETECTABLE], RIGHT, CLASS),
         power=power(single),
         pairs_exact=_share(pairs, RIGHT),
         pairs_exact_detectable=_share([pair for pair in pairs if pair[0].faintest >= DETECTABLE], RIGHT),
+        pairs_exact_above=_share([pair for pair in pairs if pair[0].faintest_above >= DETECTABLE], RIGHT),
         pairs_without_wrong=Share(sum(not false_claims(*pair) for pair in pairs), len(pairs)),
         stranger_unexplained=_share(strangers, RIGHT),
         stranger_wrong=_share(strangers, WRONG),

@@ -16,9 +16,11 @@ def truth_of(case: Case) -> dict[str, Any]:
 
     `effects` holds what a diagnosis should name, `strangers` what it cannot; `also_right` are names that say the same; with
     `silence_is_right` "nothing missing" is right too. `size` tells how far the concealed physics shifts the forces, in units of
-    a sample's noise; `left_of_each` the same for each effect alone, as far as believed values cannot explain it.
+    a sample's noise; `left_of_each` the same for each effect alone, as far as believed values cannot explain it; `above_of_each` in units
+    of noise and of the usual model error.
     """
-    size = size_of(case) if case.effects or case.strangers or case.mislabelled else Size(0.0, 0.0)
+    size = size_of(case) if case.effects or case.strangers or case.mislabelled else Size(0.0, 0.0, 0.0)
+    each = _alone(case, size)
     return {
         "format": FORMAT,
         "case": case.id,
@@ -29,8 +31,13 @@ def truth_of(case: Case) -> dict[str, Any]:
         "also_right": list(MISLABELLED[case.mislabelled]) if case.mislabelled else [],
         "silence_is_right": case.mislabelled in TOLD_BY_ENCODER,
         "strength": case.strength,
-        "size": {"shift_over_noise": _rounded(size.shift), "left_over_noise": _rounded(size.left)},
-        "left_of_each": _left_of_each(case, size),
+        "size": {
+            "shift_over_noise": _rounded(size.shift),
+            "left_over_noise": _rounded(size.left),
+            "left_over_model_error": _rounded(size.above),
+        },
+        "left_of_each": {effect: _rounded(alone.left) for effect, alone in each.items()},
+        "above_of_each": {effect: _rounded(alone.above) for effect, alone in each.items()},
         "believed_off_by": asdict(case.off),
         "model_error": case.model_error,
         "structured": asdict(case.structured) if case.structured else None,
@@ -40,12 +47,11 @@ def truth_of(case: Case) -> dict[str, Any]:
     }
 
 
-def _left_of_each(case: Case, whole: Size) -> dict[str, float | None]:
+def _alone(case: Case, whole: Size) -> dict[str, Size]:
     """An effect in a pair may be invisible; then nobody can be asked to name it."""
     if len(case.effects) < 2:
-        return {effect: _rounded(whole.left) for effect in case.effects}
-    alone = {effect: replace(case, effects={effect: values}) for effect, values in case.effects.items()}
-    return {effect: _rounded(size_of(each).left) for effect, each in alone.items()}
+        return dict.fromkeys(case.effects, whole)
+    return {effect: size_of(replace(case, effects={effect: values})) for effect, values in case.effects.items()}
 
 
 def _rounded(size: float) -> float | None:

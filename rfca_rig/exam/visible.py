@@ -1,5 +1,6 @@
 """How much of what a case conceals the forces show, and how much of that remains when the believed values may move."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,16 +27,23 @@ from rfca_rig.exam.world import World
 
 Floats = NDArray[np.float64]
 
-# the believed values one standard deviation further
-ONE_SIGMA = (
-    OffBy(height_mm=HEIGHT_MM),
-    OffBy(start_angle_deg=START_DEG),
-    OffBy(friction_coefficient=FRICTION),
-    OffBy(k0_factor=1.0 + K0_SHARE),
-    OffBy(mass_factor=1.0 + MASS_SHARE),
-    OffBy(hinge_damping_factor=1.0 + DAMPING_SHARE),
-    OffBy(contact_stiffness_factor=1.0 + CONTACT_SHARE),
-)
+MODEL_ERROR = 0.01
+
+FARTHEST = 4.0  # sigmas that a believed value may move
+BELIEVED = 7
+
+
+def sigmas_off(sigmas: Floats) -> OffBy:
+    """The believed values that many standard deviations further, (7,)."""
+    return OffBy(
+        height_mm=HEIGHT_MM * sigmas[0],
+        start_angle_deg=START_DEG * sigmas[1],
+        friction_coefficient=FRICTION * sigmas[2],
+        k0_factor=float((1.0 + K0_SHARE) ** sigmas[3]),
+        mass_factor=float((1.0 + MASS_SHARE) ** sigmas[4]),
+        hinge_damping_factor=float((1.0 + DAMPING_SHARE) ** sigmas[5]),
+        contact_stiffness_factor=float((1.0 + CONTACT_SHARE) ** sigmas[6]),
+    )
 
 
 @dataclass(frozen=True)
@@ -43,10 +51,13 @@ class Size:
     """Root mean square of the change of fy, fz and tx, whichever is largest, in units of a sample's noise.
 
     `shift` as it is; `left` after the believed values have moved within what they are known to, to explain it as well as they can.
+    `above` is what is left in units of noise and of the error that any model may have, MODEL_ERROR of the force: nobody can name what
+    hides below that.
     """
 
     shift: float
     left: float
+    above: float
 
 
 def size_of(case: Case) -> Size:
@@ -55,24 +66,48 @@ def size_of(case: Case) -> Size:
     Infinite where nothing but the labels of the columns or of the conditions is wrong.
     """
     if case.mislabelled and really(believed_world(1.0), case.mislabelled) == believed_world(1.0):
-        return Size(np.inf, np.inf)
+        return Size(np.inf, np.inf, np.inf)
+    seen = [_seen(case, height_mm, speed) for height_mm, speed in dict.fromkeys((case.design.conditions[0], case.design.conditions[-1]))]
+    shift, moves, units = (np.concatenate(parts, axis=1) for parts in zip(*((s.shift, s.moves, s.units) for s in seen), strict=True))
+    noise, both = np.ones_like(units), np.hypot(1.0, MODEL_ERROR * units)
+    return Size(_largest(shift), _left(seen, shift, moves, noise), _left(seen, shift, moves, both))
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """One condition in units of a sample's noise: what the concealed physics does, (3, m), what one sigma of each believed value does,
+    (3, m, p), the plain forces `units` (3, m), and how they change where the believed values have moved by so many sigmas each.
+    """
+
+    shift: Floats
+    moves: Floats
+    units: Floats
+    moved_by: Callable[[Floats], Floats]
+
+
+def _seen(case: Case, height_mm: float, speed: float) -> _Seen:
     plain = replace(case, effects={}, strangers={}, uneven=None, mislabelled=None)
-    conditions = dict.fromkeys((case.design.conditions[0], case.design.conditions[-1]))
-    shift, moves = [], []
-    for height_mm, speed in conditions:
-        world = world_of(plain, 1e-3 * height_mm, Scatter(), 1)
-        base, until = _forces(world, speed, None)
-        concealed, _ = _forces(world_of(case, 1e-3 * height_mm, Scatter(), case.design.repeats), speed, until)
-        shift.append(concealed - base)
-        moves.append(np.stack([_forces(moved(world, off), speed, until)[0] - base for off in ONE_SIGMA], axis=-1))
-    return _size(np.concatenate(shift, axis=1), np.concatenate(moves, axis=1))
+    world = world_of(plain, 1e-3 * height_mm, Scatter(), 1)
+    base, until = _forces(world, speed, None)
+    concealed, _ = _forces(world_of(case, 1e-3 * height_mm, Scatter(), case.design.repeats), speed, until)
+
+    def moved_by(sigmas: Floats) -> Floats:
+        return _forces(moved(world, sigmas_off(sigmas)), speed, until)[0] - base
+
+    moves = np.stack([moved_by(one) for one in np.eye(BELIEVED)], axis=-1)
+    return _Seen(concealed - base, moves, base, moved_by)
 
 
-def _size(shift: Floats, moves: Floats) -> Size:
-    """shift (3, m) and moves (3, m, p), all in units of the noise; the prior of each move counts as one observation."""
-    J = moves.reshape(-1, moves.shape[-1])
-    wanted = np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ shift.ravel())
-    return Size(_largest(shift), _largest(shift - moves @ wanted))
+def _left(seen: Sequence[_Seen], shift: Floats, moves: Floats, units: Floats) -> float:
+    """Two steps of Gauss and Newton for what the believed values explain, the prior of each one observation; what they leave."""
+    J = (moves / units[..., None]).reshape(-1, moves.shape[-1])
+    inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
+    first = inverse @ (J.T @ (shift / units).ravel())
+    once = _largest((shift - moves @ first) / units)
+    first = np.clip(first, -FARTHEST, FARTHEST)
+    rest = shift - np.concatenate([one.moved_by(first) for one in seen], axis=1)
+    second = inverse @ (J.T @ (rest / units).ravel() - first)
+    return min(once, _largest((rest - moves @ second) / units))
 
 
 def _largest(x: Floats) -> float:

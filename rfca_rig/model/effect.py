@@ -17,6 +17,7 @@ class Parameter:
 
     A value outside of that may still be true, but not every one can be: none that is not finite, none below zero where `low` is not,
     no zero unless `may_be_zero`, none whose magnitude reaches `below`, and where it counts something, `whole`, no fraction.
+    `starts` are values from which a search for it begins, where steps over the plausible range would miss what it does.
     """
 
     name: str
@@ -25,6 +26,7 @@ class Parameter:
     may_be_zero: bool = True
     below: float = inf
     whole: bool = False
+    starts: tuple[float, ...] = ()
 
     def why_not(self, value: float) -> str | None:
         """Why the value cannot be, in words; None where it can."""
@@ -42,7 +44,8 @@ class Effect:
     """One entry of the catalogue.
 
     `where` it enters, `left_out` in a few words what a model without it lacks, the `law` as a formula, its `source`.
-    `apply(setup, values)` returns the setup with the effect in it; `values` holds one number per parameter.
+    `apply(setup, values)` returns the setup with the effect in it; `values` holds one number per parameter, and one for each of
+    `begins`: how it stands where a recording begins, 0 for at rest, which is no property of the rig and never reported.
     """
 
     id: str
@@ -52,3 +55,4 @@ class Effect:
     source: str
     parameters: tuple[Parameter, ...]
     apply: "Callable[[Setup, Values], Setup]"
+    begins: tuple[Parameter, ...] = ()

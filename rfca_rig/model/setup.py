@@ -49,7 +49,7 @@ class SoftDrive:
 @dataclass(frozen=True)
 class Setup:
     """What is simulated. Effects replace what they change: `rig` and `height_m`, the `motion`, the finished `chain` through
-    `chain_changes`, laws inside it, the drive, or what the sensor makes of it.
+    `chain_changes`, laws inside it, the drive, what the sensor makes of it, or how what swings stands in the beginning.
     """
 
     rig: RigModel
@@ -59,6 +59,7 @@ class Setup:
     laws: tuple[LawUse, ...] = ()
     drive: SoftDrive | None = None
     sensor_changes: tuple[Callable[[Felt], Felt], ...] = field(default=())
+    begins: tuple[Callable[[Chain, State], None], ...] = ()
 
     def chain(self) -> Chain:
         """The chain with all changes."""
@@ -91,6 +92,8 @@ class Setup:
             shaft = shaft._replace(feed=holding_torque(chain, laws, state))
         if self.rig.swing:
             set_swinging(chain, laws, state, self.rig.swing.share, self.rig.swing.rate_per_s)
+            for swing in self.begins:
+                swing(chain, state)
         return shaft, state
 
     def felt(self, felt: Felt) -> Felt:
@@ -142,9 +145,10 @@ def resolved(present: PresentEffect) -> tuple[Effect, dict[str, float]]:
         raise BadInput(f"effect {present.id}: not in the catalogue; there are {', '.join(sorted(known))}")
     effect, values = known[present.id], dict(present.values)
     wanted = {parameter.name for parameter in effect.parameters}
-    if set(values) != wanted:
+    at_rest = {parameter.name: 0.0 for parameter in effect.begins}
+    if set(values) - set(at_rest) != wanted:
         raise BadInput(f"effect {present.id}: takes {', '.join(sorted(wanted))}, was given {', '.join(sorted(values)) or 'nothing'}")
-    return effect, values
+    return effect, at_rest | values
 
 
 def with_law(setup: Setup, law: LawUse) -> Setup:
@@ -160,6 +164,11 @@ def with_chain(setup: Setup, change: Callable[[Chain], Chain]) -> Setup:
 def with_sensor(setup: Setup, change: Callable[[Felt], Felt]) -> Setup:
     """The setup with one more change of what is felt."""
     return replace(setup, sensor_changes=(*setup.sensor_changes, change))
+
+
+def with_begin(setup: Setup, swing: Callable[[Chain, State], None]) -> Setup:
+    """The setup with one more thing that swings already where a recording begins."""
+    return replace(setup, begins=(*setup.begins, swing))
 
 
 def with_drive(setup: Setup, drive: SoftDrive) -> Setup:

@@ -1,6 +1,7 @@
 """The list of cases: reproducible, of every kind, and within what is plausible."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -100,6 +101,15 @@ def test_strength_is_what_shifts_the_forces():
         )
         sizes.append(size_of(case).shift)
     assert sizes == sorted(sizes)
+
+
+def test_what_believed_values_can_imitate_is_hardly_left():
+    """A little more damping is within what damping is known to; play is not."""
+    case = drawn_cases(1, {cases.SINGLE: 1})[0]
+    soft = size_of(replace(case, effects={"hinge_viscous_damping": {"coefficient_Nm_s_per_rad": 0.03}}))
+    play = size_of(replace(case, effects={"hinge_backlash": {"half_gap_deg": 0.8}}))
+    assert soft.left < 0.1 * soft.shift and play.left > 0.2 * play.shift
+    assert soft.above < soft.left and 1.0 < play.above < play.left
 
 
 def test_kinds_are_distinct_words():

@@ -3,8 +3,9 @@
 import numpy as np
 
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.setup import Setup, with_chain
-from rfca_rig.model.state import Chain
+from rfca_rig.model.parameters import GRAVITY_M_S2
+from rfca_rig.model.setup import Setup, with_begin, with_chain
+from rfca_rig.model.state import Chain, State
 
 
 def apply(setup: Setup, values: Values) -> Setup:
@@ -15,7 +16,12 @@ def apply(setup: Setup, values: Values) -> Setup:
             frame_mass=mass, frame_stiffness=mass * rate * rate, frame_damping=2.0 * values["damping_ratio"] * mass * rate
         )
 
-    return with_chain(setup, yielding)
+    def ringing(chain: Chain, state: State) -> None:
+        sag = chain.total_mass * GRAVITY_M_S2 / chain.frame_stiffness
+        state.q[-1] += values["swing_sags"] * sag
+        state.w[-1] += values["swing_sags_per_s"] * sag
+
+    return with_begin(with_chain(setup, yielding), ringing)
 
 
 EFFECT = Effect(
@@ -25,9 +31,12 @@ EFFECT = Effect(
     law="m z'' + 2 d m w z' + m w^2 z = - fz",
     source="one vertical degree of freedom",
     parameters=(
-        Parameter("frequency_Hz", 5.0, 100.0, may_be_zero=False),
-        Parameter("moving_mass_kg", 0.5, 50.0, may_be_zero=False),
-        Parameter("damping_ratio", 0.005, 0.5),
+        # it rings, and a start a tenth off is soon out of step
+        Parameter("frequency_Hz", 5.0, 100.0, may_be_zero=False, starts=tuple(6.0 * 1.09**n for n in range(26))),
+        Parameter("moving_mass_kg", 0.5, 50.0, may_be_zero=False, starts=(2.5,)),
+        Parameter("damping_ratio", 0.005, 0.5, starts=(0.03,)),
     ),
     apply=apply,
+    # a leg that was let go rings the frame, by more than its weight would press it down
+    begins=(Parameter("swing_sags", -4.0, 4.0), Parameter("swing_sags_per_s", -400.0, 400.0)),
 )

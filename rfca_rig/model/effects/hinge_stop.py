@@ -27,8 +27,8 @@ EFFECT = Effect(
     law="T = k (|phi| - angle) sgn(phi) beyond the angle",
     source="one-sided spring",
     parameters=(
-        Parameter("angle_deg", 5.0, 45.0),
-        Parameter("stiffness_Nm_per_rad", 10.0, 1000.0),
+        Parameter("angle_deg", 5.0, 45.0, starts=(6.0, 8.0, 10.0, 12.0, *map(float, range(14, 33)), 36.0)),
+        Parameter("stiffness_Nm_per_rad", 10.0, 1000.0, starts=(25.0,)),
     ),
     apply=apply,
 )

@@ -59,8 +59,9 @@ EFFECT = Effect(
     law="w = w_c (1 + a cos(n (theta - theta_0)))",
     source="torque ripple of gear and motor",
     parameters=(
-        Parameter("amplitude_relative", 0.005, 0.3, below=1.0),
-        Parameter("cycles_per_turn", 1.0, 60.0, may_be_zero=False),
+        Parameter("amplitude_relative", 0.005, 0.3, below=1.0, starts=(0.05,)),
+        # a stroke is half a turn: it tells cycles apart that differ by two
+        Parameter("cycles_per_turn", 1.0, 60.0, may_be_zero=False, starts=tuple(1.5 * n for n in range(1, 40))),
     ),
     apply=apply,
 )

@@ -1,10 +1,13 @@
 """Effects of the rig, the tip and the surroundings against closed forms and balances of momentum."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rfca_rig.model.chain import at_rest
 from rfca_rig.model.motion import ramp_to_speed
+from rfca_rig.model.parameters import Swing
 from rfca_rig.model.setup import set_up
 from rfca_rig.model.stroke import stroke_following
 from tests.model.effects.rigs import NO_GROUND_M, T, Tolerance, having, held, paper_stroke, released, resting
@@ -133,3 +136,23 @@ def test_out_of_plumb_the_weight_pulls_along_y_too(angle):
     assert stroke.fz_N == pytest.approx(0.32 * 9.81 * np.cos(angle), rel=1e-6)
     plumb = set_up(PAPER, NO_GROUND_M, held(0.3 + angle)).chain()
     assert at_rest(plumb, 0.3 + angle).q - angle == pytest.approx(state.q, abs=1e-9)
+
+
+def test_a_frame_that_rings_when_the_recording_begins_rings_from_there():
+    """Sunk by its own sag under the leg and let go: the sensor feels the leg's inertia at the frame's frequency, dying away."""
+    frame = {"frequency_Hz": 15.0, "moving_mass_kg": 4.0, "damping_ratio": 0.03}
+    t_s = np.arange(-0.35, 0.0, 1e-3)
+    stiff = replace(PAPER, leg=replace(PAPER.leg, k0_Nm_per_rad=1e4, start_angle_rad=0.2))
+    rigs = [
+        replace(having(stiff, frame_compliance=frame | begins), swing=Swing(0.36, 0.0, 0.0))
+        for begins in ({}, {"swing_sags": 1.0, "swing_sags_per_s": 0.0}, {"swing_sags": 0.0, "swing_sags_per_s": 90.0})
+    ]
+    motion = ramp_to_speed(0.2, 2.0, 0.05, 1.0)
+    still, sunk, pushed = (stroke_following(rig, NO_GROUND_M, motion, t_s).fz_N for rig in rigs)
+    assert np.ptp(still) < 1e-3
+    leg, rate = MASSES.sum(), 2.0 * np.pi * 15.0 * np.sqrt(4.0 / (4.0 + MASSES.sum()))
+    amplitude = leg * leg * 9.81 / (4.0 + leg)  # leg mass times own^2 times sag m g / k
+    begin_s, later_s = t_s < -0.28, t_s > -0.08
+    assert np.ptp(sunk[begin_s]) == pytest.approx(2.0 * amplitude, rel=0.15)  # less what has died away
+    assert np.ptp(sunk[later_s]) < np.ptp(sunk[begin_s]) * np.exp(-0.03 * rate * 0.15)
+    assert abs(np.corrcoef(sunk[begin_s] - still[begin_s], pushed[begin_s] - still[begin_s])[0, 1]) < 0.4

@@ -1,0 +1,51 @@
+"""How the shaft went from stage to stage, told from the tables themselves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfca_rig.diagnosis.conventions import MOVES, with_likeliest_moves
+from rfca_rig.diagnosis.coordinates import Choice, Coordinates
+from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.nuisances import nuisances_of
+from rfca_rig.diagnosis.stages import stage_tables
+from rfca_rig.model.catalogue import catalogue
+from rfca_rig.recording.form import StaticStage
+from tests.diagnosis.by_hand import KNOWN_TO, RIG
+
+ANGLES_DEG = (60.0, 80.0, 100.0, 120.0, 118.0)
+SOFT = Choice(catalogue()["damaged_hinge"], (("hinge", 3.0),))
+
+
+@pytest.fixture(scope="module")
+def hypothesis():
+    """Coordinates of a leg with one soft hinge, and the point where it is so."""
+    coordinates = Coordinates(nuisances_of(RIG, KNOWN_TO, 0.0)).with_choices((SOFT,))
+    return coordinates, np.append(np.zeros(coordinates.nuisances), 0.3)
+
+
+def table(moves, coordinates, x):
+    directions = ["loading"] * 4 + ["unloading"]
+    empty = [
+        StaticStage(0.215, i, direction, float(np.radians(deg)), (), 0.0, 0.0, 0.0)
+        for i, (deg, direction) in enumerate(zip(ANGLES_DEG, directions, strict=True), start=1)
+    ]
+    (blank,) = stage_tables(empty, {}, moves)
+    forces = blank.simulated(coordinates.supposed(x)).reshape(3, -1).T
+    return [replace(s, fy_N=float(fy), fz_N=float(fz), tx_Nm=float(tx)) for s, (fy, fz, tx) in zip(empty, forces, strict=True)]
+
+
+@pytest.mark.parametrize("true", MOVES)
+def test_the_moves_are_told_around_the_leg_that_was_there(hypothesis, true):
+    stages = table(true, *hypothesis)
+    supposed = [evidence_of(stage_tables(stages, {}, moves)) for moves in MOVES]
+    found = [with_likeliest_moves(evidence, *hypothesis) for evidence in supposed]
+    assert [evidence.tables[0].moves for evidence in found] == [true] * len(MOVES)
+    assert found[MOVES.index(true)] is supposed[MOVES.index(true)]
+
+
+def test_strokes_alone_are_left_as_they_are(hypothesis):
+    evidence = evidence_of(stage_tables(table(MOVES[0], *hypothesis), {}, MOVES[0]))
+    without = replace(evidence, parts=())
+    assert with_likeliest_moves(without, *hypothesis) is without

@@ -1,0 +1,63 @@
+"""Gates and decoys, on rivals built by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfca_rig.diagnosis.coordinates import Choice
+from rfca_rig.diagnosis.decoys import best_decoy, taken_away
+from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.gates import share_by_size
+from rfca_rig.diagnosis.screening import Trial
+from rfca_rig.model.catalogue import catalogue
+from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded
+
+CONDITIONS = [(205.0, 2.4), (220.0, 2.9)]
+
+
+@pytest.fixture(scope="module")
+def played():
+    """A leg whose hinges have play, and a search for just that."""
+    rig = replace(RIG, effects=(present("hinge_backlash", half_gap_deg=0.8),))
+    return found_among(flaps_of(recorded(rig, CONDITIONS)), ["hinge_backlash"])
+
+
+def with_trial(found, signature):
+    choice = Choice(catalogue()["hinge_backlash"])
+    return replace(found, trials=(Trial(choice, np.zeros(1), signature),))
+
+
+def test_what_a_true_effect_takes_away_is_nearly_all_and_a_turned_channel_takes_less(played):
+    best = played.named[0]
+    signature = best.rows - played.nothing.rows
+    own = taken_away(played, best, played.nothing)
+    assert own > 500.0
+    assert best_decoy(with_trial(played, signature), best, played.nothing) < 0.5 * own
+
+
+def test_a_decoy_that_says_what_the_effect_says_is_none(played):
+    """A signature in one channel alone is only reversed by turning another one about."""
+    best = played.named[0]
+    signal = played.evidence.rows.signal
+    alone = np.where(signal == "fz_N", best.rows - played.nothing.rows, 0.0)
+    only_fz = replace(best, fitted=replace(best.fitted, predicted=best.fitted.predicted + alone - (best.rows - played.nothing.rows)))
+    assert best_decoy(with_trial(played, alone), only_fz, played.nothing) == 0.0
+
+
+def test_conditions_count_by_how_much_they_change():
+    assert share_by_size(np.array([1.0, 1.0, -0.05, -0.05])) == pytest.approx(2.0 / 2.1)
+    assert share_by_size(np.array([1.0, -1.0])) == pytest.approx(0.5)
+    assert share_by_size(np.zeros(3)) == 0.0
+
+
+def test_what_only_slopes_promise_does_not_count(played):
+    """A slope that leads away from the best point promises a better fit; no step along it finds one."""
+    best = played.named[0].fitted
+    descent = Descent(played.evidence, played.judge)
+    honest = descent.judged(best)
+    assert honest.log_evidence == pytest.approx(played.named[0].judgement.log_evidence, abs=1.0)
+    worse = descent.at(best.coordinates, best.x + 0.4 * (np.arange(len(best.x)) == best.coordinates.nuisances), best.slope)
+    assert worse is not None
+    linear = worse.linear(played.evidence.rows.measured)
+    assert played.judge.judged(linear).log_evidence > descent.judged(worse).log_evidence + 20.0
