@@ -22,6 +22,9 @@ def prove(
     ] = None,
     kind: Annotated[str | None, typer.Option("--kind", metavar="KIND", help='Cases of one kind only, as in --kind "two effects".')] = None,
     workers: Annotated[int, typer.Option("--workers", metavar="N", min=1, max=256, help="Processes, of one thread each.")] = 2,
+    follows: Annotated[
+        bool, typer.Option("--follow-up", help="Then do what is proposed in the open cases, and beside it experiments drawn by lot.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Examine the diagnosis: campaigns of another simulator, the truth under seal until all are diagnosed, then marks.
@@ -32,7 +35,9 @@ def prove(
     """
     from rfca_rig.clock import WallClock
     from rfca_rig.errors import Stopped
+    from rfca_rig.exam.crew import crew
     from rfca_rig.exam.examine import examine
+    from rfca_rig.exam.follow_up import follow_up
     from rfca_rig.exam.marked import examined
     from rfca_rig.exam.marking import wording
     from rfca_rig.report.exam_files import write_exam
@@ -41,6 +46,9 @@ def prove(
     try:
         with _bars(quiet=as_json) as told:
             examine(out, seed, numbers, diagnose_as_typed, workers, WallClock, told)
+            if follows:
+                with crew(workers) as executor:
+                    follow_up(out, diagnose_as_typed, executor, told)
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
     result = examined(out)
@@ -50,6 +58,8 @@ def prove(
         return
     for line in wording(result.marks):
         typer.echo(line)
+    for way in result.ways:
+        typer.echo(way.words)
     typer.echo(f"{out / 'exam.html'}: the whole result", err=True)
 
 

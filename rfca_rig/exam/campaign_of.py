@@ -1,13 +1,16 @@
 """A case written as a campaign folder, as a lab would hand it in."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.exam.cases import Case
 from rfca_rig.exam.designs import Design
-from rfca_rig.exam.experiment import Stage, static_table, stroke
+from rfca_rig.exam.experiment import STAGES, Stage, static_table, stroke
 from rfca_rig.exam.labels import columns_as_written, speed_as_written
 from rfca_rig.exam.rig_of import drawn_scatter, world_of
 from rfca_rig.exam.sensor import Noise
@@ -64,7 +67,25 @@ def write_campaign(case: Case, folder: Path) -> None:
     (folder / "campaign.toml").write_text("\n".join([HEAD, *entries]), encoding="utf-8")
 
 
-def _strokes(case: Case, folder: Path, random: np.random.Generator) -> list[str]:
+def add_experiment(case: Case, folder: Path, proposal: Mapping[str, Any], number: int) -> None:
+    """Does one more experiment on the case's rig, as a diagnosis proposes it: a height with a speed and repeats, or with stages.
+
+    `number` from 1 tells experiments on one rig apart, by name and in what differs from time to time.
+    """
+    random = np.random.default_rng([case.seed, number])
+    height_mm, name = float(proposal["height_mm"]), f"next-{number:02d}"
+    if "speed_rad_s" in proposal:
+        design = Design(((height_mm, float(proposal["speed_rad_s"])),), int(proposal["repeats"]), ())
+        entries = _strokes(replace(case, design=design), folder, random, f"{name}-dynamic")
+    else:
+        wanted = [(float(np.radians(stage["angle_deg"])), str(stage["direction"])) for stage in proposal["stages"]]
+        design = Design((), 1, (height_mm,))
+        entries = _static(replace(case, design=design), folder, random, f"{name}-static", wanted)
+    path = folder / "campaign.toml"
+    path.write_text("\n".join([path.read_text(encoding="utf-8"), *entries]), encoding="utf-8")
+
+
+def _strokes(case: Case, folder: Path, random: np.random.Generator, name: str = "dynamic") -> list[str]:
     """Writes the strokes; returns their entries. The effect's size varies between conditions where the case says so."""
     entries: list[str] = []
     speeds = tuple(speed for _, speed in case.design.conditions)
@@ -73,7 +94,7 @@ def _strokes(case: Case, folder: Path, random: np.random.Generator) -> list[str]
         for repeat in range(1, case.design.repeats + 1):
             world = world_of(case, 1e-3 * height_mm, drawn_scatter(random), repeat, stronger)
             columns = columns_as_written(stroke(world, speed, Noise(), random), case.mislabelled)
-            file = f"runs/dynamic-{len(entries) + 1:02d}.csv"
+            file = f"runs/{name}-{len(entries) + 1:02d}.csv"
             (folder / file).write_text(_csv(columns), encoding="utf-8")
             entries.append(_entry(file, height_mm, speed_as_written(speed, speeds, case.mislabelled), repeat))
     return entries
@@ -84,22 +105,19 @@ def _stronger(case: Case, random: np.random.Generator) -> float:
     return float(max(1.0 + spread * random.normal(), 0.2))
 
 
-def _static(case: Case, folder: Path, random: np.random.Generator) -> list[str]:
+def _static(
+    case: Case, folder: Path, random: np.random.Generator, name: str = "static", wanted: Sequence[tuple[float, str]] = STAGES
+) -> list[str]:
     """Writes the static table, if there is one; returns its entry."""
-    stages = _stages(case, case.design, random)
-    if not stages:
-        return []
-    (folder / "runs" / "static.csv").write_text(_static_csv(stages, case.mislabelled), encoding="utf-8")
-    return ['[[runs]]\nexperiment = "static"\nfile = "runs/static.csv"\n']
-
-
-def _stages(case: Case, design: Design, random: np.random.Generator) -> list[Stage]:
     stages: list[Stage] = []
     ramp_s = float(random.uniform(*STATIC_RAMPS_S))
-    for height_mm in design.static_heights_mm:
+    for height_mm in case.design.static_heights_mm:
         world = world_of(case, 1e-3 * height_mm, drawn_scatter(random), 1, _stronger(case, random))
-        stages += static_table(world, height_mm, ramp_s, random)
-    return stages
+        stages += static_table(world, height_mm, ramp_s, random, wanted)
+    if not stages:
+        return []
+    (folder / "runs" / f"{name}.csv").write_text(_static_csv(stages, case.mislabelled), encoding="utf-8")
+    return [f'[[runs]]\nexperiment = "static"\nfile = "runs/{name}.csv"\n']
 
 
 def _entry(file: str, height_mm: float, speed: float, repeat: int) -> str:

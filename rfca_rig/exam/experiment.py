@@ -1,5 +1,6 @@
 """The two experiments of a campaign, done on a world: a stroke, and a table of static stages."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ SWEEP_RAD = 3.23  # how far a stroke turns
 
 LOADING_RAD = tuple(float(np.radians(angle)) for angle in (60.0, 75.0, 90.0, 105.0, 120.0, 135.0))
 UNLOADING_RAD = tuple(float(np.radians(angle)) for angle in (133.0, 131.0))
+STAGES = (*((angle, "loading") for angle in LOADING_RAD), *((angle, "unloading") for angle in UNLOADING_RAD))
 MOVE_RAD_S, HOLD_S, READ_S = 1.0, 0.8, 0.1
 PHOTO_DEG = 0.15  # noise of a hinge angle read off a photo
 STATIC_NOISE = Noise(fy_N=0.01, fz_N=0.015, tx_Nm=6e-4)
@@ -50,14 +52,17 @@ def stroke(world: World, speed_rad_s: float, noise: Noise, random: np.random.Gen
     return recorded(world, stroke_traces(world, speed_rad_s), noise, random)
 
 
-def static_table(world: World, stated_height_mm: float, ramp_s: float, random: np.random.Generator) -> list[Stage]:
-    """The stages at one height, one after the other, each the mean of the last tenth of a second of its hold.
+def static_table(
+    world: World, stated_height_mm: float, ramp_s: float, random: np.random.Generator, stages: Sequence[tuple[float, str]] = STAGES
+) -> list[Stage]:
+    """The stages (shaft angle in rad, direction) at one height, one after the other, each the mean of the last tenth of a second of its
+    hold.
 
     The shaft moves between them at 1 rad/s and gets there and back to rest within `ramp_s`; the shorter, the more the tip is thrown back.
 
     The sensor is tared at each stage: lag, clock and drift do not show.
     """
-    angles = (*LOADING_RAD, *UNLOADING_RAD)
+    angles = tuple(angle for angle, _ in stages)
     knots, read_s = staged(world.drive.start_angle_rad, angles, ramp_s)
     traces = simulate(world, knots, read_s, width_s=READ_S, step_s=STEP_S)
     steady = replace(world, sensing=replace(world.sensing, lag_s=0.0, clock_offset_s=0.0, drift_N_per_s=Sensing.drift_N_per_s))
@@ -66,7 +71,7 @@ def static_table(world: World, stated_height_mm: float, ramp_s: float, random: n
         Stage(
             height_mm=stated_height_mm,
             stage=i + 1,
-            direction="loading" if i < len(LOADING_RAD) else "unloading",
+            direction=stages[i][1],
             shaft_angle_rad=float(traces.motor_angle_rad[i] + random.normal(0.0, 1e-4)),
             hinge_deg=tuple(np.degrees(traces.bent_rad[i, 1:]) + random.normal(0.0, PHOTO_DEG, HINGES)),
             fy_N=float(fy[i] + random.normal(0.0, STATIC_NOISE.fy_N)),
@@ -81,14 +86,19 @@ def staged(start_rad: float, angles_rad: tuple[float, ...], ramp_s: float) -> tu
     """Knots (2, m) of a shaft speed that goes from angle to angle and rests at each, and the middles of the readings."""
     times, speeds, read_s, now, here = [0.0], [0.0], [], 0.0, start_rad
     for angle in angles_rad:
-        way = angle - here
-        speed = np.sign(way) * min(MOVE_RAD_S, abs(way) / ramp_s)
-        even_s = way / speed - ramp_s
-        moves = [(ramp_s, speed), *([(even_s, speed)] if even_s > 1e-9 else []), (ramp_s, 0.0), (HOLD_S, 0.0)]
-        for seconds, reached in moves:
+        for seconds, reached in (*_moves(angle - here, ramp_s), (HOLD_S, 0.0)):
             now += seconds
             times.append(now)
             speeds.append(float(reached))
         read_s.append(now - 0.5 * READ_S)
         here = angle
     return np.array([times, speeds]), np.array(read_s)
+
+
+def _moves(way: float, ramp_s: float) -> list[tuple[float, float]]:
+    """Seconds and the speed reached after them, from rest to rest; none where the shaft stays."""
+    if way == 0.0:
+        return []
+    speed = float(np.sign(way)) * min(MOVE_RAD_S, abs(way) / ramp_s)
+    even_s = way / speed - ramp_s
+    return [(ramp_s, speed), *([(even_s, speed)] if even_s > 1e-9 else []), (ramp_s, 0.0)]

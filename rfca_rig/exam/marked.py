@@ -7,6 +7,7 @@ from typing import Any
 
 from rfca_rig.exam.claims import parameter_errors
 from rfca_rig.exam.examine import DIAGNOSES, SECONDS
+from rfca_rig.exam.follow_up import Way, ways
 from rfca_rig.exam.marking import DIAGNOSIS
 from rfca_rig.exam.outcome import Truth, outcome, truth_in
 from rfca_rig.exam.plan import Plan, read_plan
@@ -52,11 +53,12 @@ class MarkedCase:
 
 @dataclass(frozen=True)
 class Examined:
-    """The whole exam."""
+    """The whole exam; `ways` tells what follow-ups of open cases came to, where they were done."""
 
     plan: Plan
     marks: Marks
     cases: tuple[MarkedCase, ...]
+    ways: tuple[Way, ...] = ()
 
 
 def examined(folder: Path, diagnoses: Path | None = None) -> Examined:
@@ -65,7 +67,7 @@ def examined(folder: Path, diagnoses: Path | None = None) -> Examined:
     truths = open_all(folder)
     said = {truth["case"]: read_said(answers / truth["case"] / DIAGNOSIS) for truth in truths}
     marked = tuple(_marked(truth, said[truth["case"]], answers / truth["case"] / SECONDS) for truth in truths)
-    return Examined(read_plan(folder), score(truths, said), marked)
+    return Examined(read_plan(folder), score(truths, said), marked, ways(folder))
 
 
 def _marked(truth: Mapping[str, Any], said: Said, seconds: Path) -> MarkedCase:

@@ -51,6 +51,7 @@ def as_json(exam: Examined) -> str:
         "numbers": exam.plan.numbers,
         "bars": [asdict(bar) | {"passed": bar.passed} for bar in bars(exam.marks)],
         "marks": _marks(exam.marks),
+        "follow_ups": [asdict(way) for way in exam.ways],
         "cases": [asdict(case) for case in exam.cases],
     }
     return json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"

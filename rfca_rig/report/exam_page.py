@@ -46,6 +46,7 @@ def page(exam: Examined) -> str:
         judged=len(judged),
         bars=[_bar(bar) for bar in all_bars],
         detectable=f"{DETECTABLE:g}",
+        ways=[{"arm": way.arm, "settled": f"{way.settled} of {way.of}", "experiments": f"{way.experiments:.2f}"} for way in exam.ways],
         outcomes=_outcomes(marks),
         meanings=MEANINGS,
         matrix=matrix_of(exam.cases),
