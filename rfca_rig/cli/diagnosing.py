@@ -11,6 +11,7 @@ from rfca_rig.cli.options import Json, Rig, Runs, Seed
 
 if TYPE_CHECKING:
     from rfca_rig.diagnosis.result import Diagnosis
+    from rfca_rig.protocol.plan import Limits
     from rfca_rig.recording.form import Recording
 
 
@@ -36,17 +37,19 @@ def diagnose(
     from rfca_rig.report.diagnosis_files import terminal_lines
 
     if len(paths) == 1 and (paths[0] / "pendulum.toml").is_file():
-        diagnosis, recordings = _pendulum(paths[0], out, as_json), []
+        diagnosis = _pendulum(paths[0], out, as_json)
+    elif not close_the_loop:
+        diagnosis = _diagnosed(open_with_belief(paths), out, as_json, None)
     else:
-        recordings = open_with_belief(paths)
-        diagnosis = _diagnosed(recordings, out, as_json)
-    if close_the_loop and recordings:
         from rfca_rig.cli.closing_the_loop import Loop
         from rfca_rig.cli.closing_the_loop import close_the_loop as closed
         from rfca_rig.cli.places import find_file
+        from rfca_rig.description.rig_file import read_rig
 
         loop = Loop(find_file("calibration", rig), rounds, runs, out, seed, quiet=as_json)
-        diagnosis = closed(loop, recordings, diagnosis, lambda all_of_them: _diagnosed(all_of_them, out, as_json))
+        limits, recordings = read_rig(loop.rig_path).facts().limits, open_with_belief(paths)
+        diagnosis = _diagnosed(recordings, out, as_json, limits)
+        diagnosis = closed(loop, recordings, diagnosis, lambda all_of_them: _diagnosed(all_of_them, out, as_json, limits))
     if as_json:
         typer.echo((out / "diagnosis.json").read_text(encoding="utf-8"), nl=False)
         return
@@ -68,7 +71,7 @@ def _pendulum(folder: Path, out: Path, quiet: bool) -> "Diagnosis":
     return diagnosis
 
 
-def _diagnosed(recordings: "Sequence[Recording]", out: Path, quiet: bool) -> "Diagnosis":
+def _diagnosed(recordings: "Sequence[Recording]", out: Path, quiet: bool, limits: "Limits | None") -> "Diagnosis":
     """The diagnosis, with all its files in `out`."""
     from rfca_rig.diagnosis.diagnose import diagnose as diagnosed
     from rfca_rig.diagnosis.model_after import write_model_after
@@ -76,7 +79,7 @@ def _diagnosed(recordings: "Sequence[Recording]", out: Path, quiet: bool) -> "Di
     from rfca_rig.report.diagnosis_files import write_diagnosis
 
     with _progress(quiet) as progress:
-        diagnosis = diagnosed(recordings, progress)
+        diagnosis = diagnosed(recordings, progress, limits)
     out.mkdir(parents=True, exist_ok=True)
     write_diagnosis(diagnosis, out)
     write_model_after(out / "model.toml", diagnosis, recordings[0])

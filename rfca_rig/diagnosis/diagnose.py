@@ -25,6 +25,7 @@ from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
+from rfca_rig.protocol.plan import Limits
 from rfca_rig.recording.form import Recording, Stroke
 
 Floats = NDArray[np.float64]
@@ -58,11 +59,11 @@ class Verdicts:
     drive_decision: Decision | None
 
 
-def diagnose(recordings: Sequence[Recording], progress: Progress) -> Diagnosis:
+def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits | None = None) -> Diagnosis:
     """The diagnosis of recordings that believe the same of one rig.
 
     Raises BadInput where they cannot be used together or at all, SimulationFailed where the model cannot be computed as believed.
-    `progress` is told what is being done and the share that is done.
+    `progress` is told what is being done and the share that is done. `limits` are those of the rig that the next experiment is for.
     """
     progress("reading", 0.0)
     body, tables = _body(recordings)
@@ -72,7 +73,7 @@ def diagnose(recordings: Sequence[Recording], progress: Progress) -> Diagnosis:
     drive = None if body.as_commanded or not body.shafts else _drive(body, leg, progress)
     verdicts = Verdicts(leg, decided(leg, len(effects)), drive, None if drive is None else decided(drive, len(SEEN_ON_THE_SHAFT)))
     progress("summing up", 0.97)
-    return summed_up(body, verdicts, effects)
+    return summed_up(body, verdicts, effects, limits)
 
 
 def _body(recordings: Sequence[Recording]) -> tuple[Body, tuple[StageTable, ...]]:

@@ -19,6 +19,7 @@ from rfca_rig.diagnosis.search import Found, Hypothesis
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import PresentEffect
+from rfca_rig.protocol.plan import Limits
 
 if TYPE_CHECKING:
     from rfca_rig.diagnosis.diagnose import Body, Verdicts
@@ -28,8 +29,8 @@ Floats = NDArray[np.float64]
 FEWEST_CONDITIONS = 3
 
 
-def summed_up(body: "Body", verdicts: "Verdicts", effects: Sequence[Effect]) -> Diagnosis:
-    """The whole answer."""
+def summed_up(body: "Body", verdicts: "Verdicts", effects: Sequence[Effect], limits: Limits | None) -> Diagnosis:
+    """The whole answer; `limits` are those of the rig that the next experiment is for, where one is known."""
     leg, decision = verdicts.leg, verdicts.leg_decision
     verdict = _verdict(body, verdicts)
     named = _effects(verdict, verdicts)
@@ -58,7 +59,7 @@ def summed_up(body: "Body", verdicts: "Verdicts", effects: Sequence[Effect]) -> 
         valley=valley_errors(body.flaps, leg.believed.coordinates.supposed(leg.believed.x), after, bool(drive_effects)),
         unexplained=(*_unexplained(verdict, verdicts), *_free_form(verdicts)),
         remarks=(*body.remarks, *_remarks(body, leg)),
-        next_experiment=next_experiment(body, verdicts, _enough(body)),
+        next_experiment=next_experiment(body, verdicts, _enough(body), limits),
         believed_values=_values(accepted),
         overlays=(*overlays(leg, accepted), *_of_drive(verdict, verdicts)),
         settings=_settings(body, leg, effects),
