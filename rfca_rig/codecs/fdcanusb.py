@@ -62,7 +62,7 @@ def checked(said: bytes) -> tuple[str, bool]:
     has_checksum = bool(star) and len(digits) == 2 and _all_hex(digits.decode("latin1"))
     if has_checksum and int(digits, 16) != crc8(guarded):
         raise MalformedFrame(f"checksum mismatch, {digits.decode('ascii')} where {crc8(guarded):02X} was due")
-    return (guarded if has_checksum else said).decode("latin1").strip(), has_checksum
+    return (guarded if has_checksum else said).decode("latin1").strip(" \t"), has_checksum
 
 
 def encode_send(frame: FdFrame) -> bytes:
@@ -72,7 +72,7 @@ def encode_send(frame: FdFrame) -> bytes:
 
 def decode_send(text: str) -> FdFrame:
     """The frame that a client wants sent. Raises MalformedFrame for anything else."""
-    words = text.split()
+    words = _words(text)
     if words[:2] != ["can", "send"]:
         raise MalformedFrame(f"not an order to send a frame: {text[:40]!r}")
     return _frame(words[2:], text)
@@ -85,10 +85,15 @@ def encode_received(frame: FdFrame) -> bytes:
 
 def decode_received(text: str) -> FdFrame:
     """The frame from the bus. Raises MalformedFrame for anything else."""
-    words = text.split()
+    words = _words(text)
     if words[:1] != ["rcv"]:
         raise MalformedFrame(f"not a frame from the bus: {text[:40]!r}")
     return _frame(words[1:], text)
+
+
+def _words(text: str) -> list[str]:
+    """Only spaces and tabs part words; other characters that Python takes for white space are not text."""
+    return [word for word in text.replace("\t", " ").split(" ") if word]
 
 
 def _flags(frame: FdFrame) -> str:

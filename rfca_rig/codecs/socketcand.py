@@ -20,7 +20,7 @@ def split(received: bytes) -> tuple[list[list[str]], bytes]:
     for text in whole:
         _, found, inside = text.rpartition(b"<")
         if found:
-            messages.append(inside.decode("ascii", "replace").split())
+            messages.append([word.decode("ascii", "replace") for word in inside.split()])
     if len(rest) > LONGEST_MESSAGE:
         raise MalformedFrame(f"socketcand message of more than {LONGEST_MESSAGE} bytes without an end")
     return messages, rest

@@ -2,6 +2,8 @@
 
 import pytest
 
+from rfca_rig.codecs import fdcanusb, socketcand
+from rfca_rig.codecs.malformed import MalformedFrame
 from tests.benchmarks.decoders import DECODERS, Decoder, tried
 
 
@@ -16,3 +18,10 @@ def test_a_decoder_that_takes_what_it_should_not_is_caught():
     careless = Decoder("careless", lambda data: data, (b"\x01\x02",), lambda data: len(data) == 2, 8)
     with pytest.raises(AssertionError, match="careless took"):
         tried(careless, 100, 1)
+
+
+def test_only_spaces_part_words():
+    """Python takes more characters for white space than any protocol does."""
+    assert socketcand.split(b"< send 1\x1c0 >") == ([["send", "1\x1c0"]], b"")
+    with pytest.raises(MalformedFrame):
+        fdcanusb.decode_received("rcv\x85123 00")

@@ -20,6 +20,7 @@ import pytest
 from tests.twin_server.server import serving
 
 PATIENCE_S = 10.0
+ENOUGH_BYTES = 60_000  # of a log: some hundred frames, whatever is still held back
 NETFT_HOST = "127.0.0.77"  # its port is fixed, so the address is the test's own; every 127.x.y.z is this machine on Linux
 DBC = "import odrive_can.utils as u; print(u.get_dbc_path())"
 
@@ -179,9 +180,9 @@ def test_can_logger_of_python_can_writes_what_is_on_the_bus(served, tmp_path):
     log = tmp_path / "bus.asc"
     words = [sys.executable, "-m", "can.logger", "-i", "socketcand", "-c", "can0", "-f", str(log)]
     with subprocess.Popen(words, env=can_config(served), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as logger:
-        time.sleep(2.0)
+        until(lambda: log.exists() and log.stat().st_size > ENOUGH_BYTES, 30.0)
         logger.send_signal(2)
-        logger.wait(5.0)
+        logger.wait(15.0)
     ids = [message.arbitration_id for message in can.LogReader(log)]
     assert ids.count(0x09) > 300
     assert ids.count(0x01) > 5
@@ -192,17 +193,18 @@ def test_cantools_monitor_decodes_the_frames_with_the_vendor_s_own_database(serv
     """What it drew on its terminal is searched for the names of the drive's messages and signals."""
     dbc = subprocess.run([sys.executable, "-c", DBC], capture_output=True, text=True, check=True).stdout.strip()
     words = [sys.executable, "-m", "cantools", "monitor", "-i", "socketcand", "-c", "can0", dbc]
-    drawn = on_a_terminal(words, can_config(served) | {"TERM": "xterm"}, 3.0)
-    assert all(name in drawn for name in ("Heartbeat", "Axis_State: IDLE", "Get_Encoder_Estimates", "Pos_Estimate"))
+    names = ("Heartbeat", "Axis_State: IDLE", "Get_Encoder_Estimates", "Pos_Estimate")
+    drawn = on_a_terminal(words, can_config(served) | {"TERM": "xterm"}, 30.0, [name.encode() for name in names])
+    assert all(name in drawn for name in names)
 
 
-def on_a_terminal(words: list[str], environment: dict[str, str], seconds: float) -> str:
-    """Runs a program that draws, for that long, and returns all it drew; it is asked to quit with q."""
+def on_a_terminal(words: list[str], environment: dict[str, str], seconds: float, awaited: list[bytes]) -> str:
+    """Runs a program that draws until all that is awaited was drawn, so long at most, and returns it; it is asked to quit with q."""
     ours, its = pty.openpty()
     fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", 60, 160, 0, 0))
     drawn, deadline_s = b"", time.monotonic() + seconds
     with subprocess.Popen(words, env=environment, stdin=its, stdout=its, stderr=its) as program:
-        while time.monotonic() < deadline_s:
+        while time.monotonic() < deadline_s and not all(name in drawn for name in awaited):
             if select.select([ours], [], [], 0.1)[0]:
                 drawn += os.read(ours, 65536)
         os.write(ours, b"q")
