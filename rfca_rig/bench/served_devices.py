@@ -8,10 +8,11 @@ import numpy as np
 from rfca_rig.bench.force_sensors import make_netft_twins, make_serial_twin
 from rfca_rig.bench.openings import Openings, Reached
 from rfca_rig.description.force_sensor_sections import AtiSerialSection, NetFtSection
-from rfca_rig.description.motor_sections import MoteusSection, OdriveSection
+from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, OdriveSection
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.command_port import CommandPort
+from rfca_rig.twin_server.cubemars_faults import CUBEMARS_FAULTS, cubemars_events
 from rfca_rig.twin_server.faults import CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, Fault, FaultPanel
 from rfca_rig.twin_server.http_port import HttpPort
 from rfca_rig.twin_server.moteus_faults import MOTEUS_FAULTS, MoteusDialect, moteus_events
@@ -20,6 +21,8 @@ from rfca_rig.twin_server.pseudo_terminal import PseudoTerminal
 from rfca_rig.twin_server.tampered_bus import Dialect, NoDialect
 from rfca_rig.twin_server.tampered_link import TamperedLink
 from rfca_rig.twin_server.udp_link import UdpLink
+from rfca_rig.twins.cubemars_mit import CubemarsMitTwin
+from rfca_rig.twins.cubemars_servo import CubemarsServoTwin
 from rfca_rig.twins.moteus import MoteusTwin
 from rfca_rig.twins.motor import MotorTwin
 from rfca_rig.twins.odrive import OdriveTwin
@@ -38,6 +41,8 @@ def _motor_faults(rig: RigFile) -> tuple[Fault, ...]:
             return ODRIVE_FAULTS
         case MoteusSection():
             return MOTEUS_FAULTS
+        case CubemarsMitSection() | CubemarsServoSection():
+            return CUBEMARS_FAULTS
         case _:
             return ()
 
@@ -59,6 +64,8 @@ def events_of(motor: MotorTwin) -> Mapping[str, Callable[[], None]]:
             return odrive_events(motor)
         case MoteusTwin():
             return moteus_events(motor)
+        case CubemarsMitTwin() | CubemarsServoTwin():
+            return cubemars_events(motor)
         case _:
             return {}
 

@@ -176,8 +176,8 @@ class CubemarsMitMotor:
         reply, silent_s, limit_s = self._replies.reply, self._replies.silent_s, self._settings.reply_timeout_s
         if reply is not None and reply.error:
             return error_text(reply.error)
-        if self._target is not None and self._replies.motion_fault is not None:
-            return self._replies.motion_fault
+        if self._target is not None and (fault := self._replies.form_fault or self._replies.motion_fault) is not None:
+            return fault
         if silent_s > limit_s:
             return f"no reply for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's power and the CAN wiring"
         return None

@@ -54,6 +54,7 @@ class MitReplies:
         self._masters: set[int] = set()
         self._servo: set[int] = set()
         self.heard = 0
+        self._told_errors = self._is_cut = False
 
     def asked(self) -> None:
         """To be called with every frame that goes to the drive."""
@@ -111,6 +112,8 @@ class MitReplies:
 
     def _follow(self, reply: MitReply, t_s: float) -> None:
         self.reply = reply
+        self._is_cut |= self._told_errors and reply.error is None
+        self._told_errors |= reply.error is not None
         if t_s <= self.at_s:
             return  # asked twice at one moment: the same again
         settings = self._settings
@@ -141,6 +144,13 @@ class MitReplies:
     def motion_fault(self) -> str | None:
         """What is wrong with the reported motion, since `recount`."""
         return self._position.fault or self._speed.fault
+
+    @property
+    def form_fault(self) -> str | None:
+        """That replies no longer carry what they carried since `recount`: an error would go unseen."""
+        return (
+            "replies lost their bytes for temperature and error; check the CAN wiring and what else talks on it" if self._is_cut else None
+        )
 
     def missing(self) -> str | None:
         """Why there is no reply since `recount`, and what to do about it; None where there is one."""
