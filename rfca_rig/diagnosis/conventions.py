@@ -25,12 +25,24 @@ def likeliest_moves(tables: Sequence[StageTable], coordinates: Coordinates, x: F
     return max(MOVES, key=lambda moves: _log_evidence([replace(table, moves=moves) for table in tables], coordinates, x))
 
 
-def with_likeliest_moves(evidence: Evidence, coordinates: Coordinates, x: Floats) -> Evidence:
+def held_anyhow(evidence: Evidence) -> Evidence:
+    """The evidence before anything is known of how the shaft was moved: what friction held at a static stage is left open."""
+    return _with_tables(evidence, [replace(table, stopped_as_told=False) for table in evidence.tables])
+
+
+def with_likeliest_moves(evidence: Evidence, coordinates: Coordinates, x: Floats, stopped_as_told: bool) -> Evidence:
     """The evidence, its static tables moved through as is likeliest around x; the very same where that is how they are already."""
-    tables = evidence.tables
-    if not tables or tables[0].moves == (moves := likeliest_moves(tables, coordinates, x)):
+    if not evidence.tables:
         return evidence
-    return evidence_of([replace(part, moves=moves) if isinstance(part, StageTable) else part for part in evidence.parts])
+    tables = [replace(table, stopped_as_told=stopped_as_told) for table in evidence.tables]
+    moves = likeliest_moves(tables, coordinates, x)
+    return _with_tables(evidence, [replace(table, moves=moves) for table in tables])
+
+
+def _with_tables(evidence: Evidence, tables: Sequence[StageTable]) -> Evidence:
+    if tuple(tables) == evidence.tables:
+        return evidence
+    return evidence_of([part for part in evidence.parts if not isinstance(part, StageTable)] + list(tables))
 
 
 def _log_evidence(tables: Sequence[StageTable], coordinates: Coordinates, x: Floats) -> float:

@@ -69,7 +69,7 @@ def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits
     body, tables = _body(recordings)
     evidence = evidence_of([*body.flaps, *tables])
     effects = _candidates(body)
-    leg = searched(evidence, body.coordinates, effects, progress)
+    leg = searched(evidence, body.coordinates, effects, progress, body.as_commanded)
     drive = None if body.as_commanded or not body.shafts else _drive(body, leg, progress)
     verdicts = Verdicts(leg, decided(leg, len(effects)), drive, None if drive is None else decided(drive, len(SEEN_ON_THE_SHAFT)))
     progress("summing up", 0.97)
@@ -97,7 +97,7 @@ def _body(recordings: Sequence[Recording]) -> tuple[Body, tuple[StageTable, ...]
     tables = stage_tables(stages, noise_std, StageMoves(1.0, 0.005, HOLD_S))
     if tables:
         moves = likeliest_moves(tables, coordinates, np.zeros(coordinates.size))
-        tables = tuple(replace(table, moves=moves, stopped_as_told=as_commanded) for table in tables)
+        tables = tuple(replace(table, moves=moves) for table in tables)
     title = "; ".join(recording.title for recording in recordings)
     return Body(title, rig, known_to, noise_std, flaps, shafts, as_commanded, coordinates, remarks), tables
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.conventions import with_likeliest_moves
+from rfca_rig.diagnosis.conventions import held_anyhow, with_likeliest_moves
 from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.descent import Descent, Fitted
 from rfca_rig.diagnosis.evidence import THREADS, Evidence
@@ -31,6 +31,7 @@ GOOD_FIT = 0.011  # a model error below which no further effect is sought,
 STRAINED = 2.5  # unless a nuisance is that many standard deviations from where it is believed
 BUILT_ON = 2  # effects that pairs are built on
 PARTNERS = 4  # partners refined for each
+DOES_THE_SAME = 0.9  # cosine of an effect and a nuisance
 PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO = 0.5, 0.1, 0.3, 0.1
 
 
@@ -70,49 +71,49 @@ class Found:
     evidence: Evidence
 
 
-def searched(evidence: Evidence, coordinates: Coordinates, effects: Sequence[Effect], progress: Progress) -> Found:
-    """The search over these effects and their pairs. Raises SimulationFailed where the model cannot be computed as believed."""
+def searched(
+    evidence: Evidence, coordinates: Coordinates, effects: Sequence[Effect], progress: Progress, stopped_as_told: bool = True
+) -> Found:
+    """The search over these effects and their pairs; `stopped_as_told` says whether the shaft stood where it was told in static stages.
+
+    Raises SimulationFailed where the model cannot be computed as believed.
+    """
     progress("nothing missing", 0.0)
-    start = Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+    loose = held_anyhow(evidence)
+    start = Descent(loose, judge_of(loose.rows, np.empty((len(loose.rows.measured), 0))))
     believed = start.at(coordinates, np.zeros(coordinates.size))
     if believed is None:
         raise SimulationFailed("the model cannot be computed as believed; look for a slipped decimal point in the leg or the ground")
     base = start.descended(believed)
-    scatter = scatter_of(evidence, coordinates.supposed(base.x))
-    descent = Descent(evidence, judge_of(evidence.rows, scatter.columns))
+    scatter = scatter_of(loose, coordinates.supposed(base.x))
+    descent = Descent(loose, judge_of(loose.rows, scatter.columns))
     base = descent.polished(base)
     progress("a first look at every effect", 0.1)
-    trials = tried(evidence, base, [choice for effect in effects for choice in choices_of(effect)])
+    trials = tried(loose, base, [choice for effect in effects for choice in choices_of(effect)])
     progress("each effect", 0.3)
-    singles = _best_polished(descent, _refined(descent, base, _promising(descent, base, trials, REFINED, STARTS)))
+    singles = _refined(descent, base, _promising(descent, base, trials, REFINED, STARTS))
     best = _clearly_better(descent, base, singles)
-    if best is not None:
-        descent, scatter, base, singles = _anew_around(best, descent.evidence, base, singles)
+    moved = with_likeliest_moves(loose, (best or base).coordinates, (best or base).x, stopped_as_told)
+    if best is not None or moved is not loose:
+        scatter = scatter_of(moved, (best or base).coordinates.supposed((best or base).x))
+        descent = Descent(moved, judge_of(moved.rows, scatter.columns))
+        base, *singles = (_carried_on(descent, fitted) for fitted in (base, *singles))
+    singles = _best_polished(descent, singles)
+    base = _polished_if_near(descent, base, singles)
     progress("pairs of effects", 0.6)
     pairs = _best_polished(descent, _pairs(descent, base, singles, trials))
     progress("weighing", 0.9)
     singles = _no_worse_than_nested(descent, singles, pairs)
-    return replace(_weighed(descent, base, [*singles, *pairs], trials, scatter, len(effects)), believed=believed)
-
-
-def _anew_around(
-    best: Fitted, evidence: Evidence, base: Fitted, singles: Sequence[Fitted]
-) -> tuple[Descent, Scatter, Fitted, list[Fitted]]:
-    """What scatters acts through the leg and drive as they are, and how a static table was moved through shows in how its tip was held:
-    both are learnt anew where an effect describes them better, and all fits carried on from where they stand.
-    """
-    moved = with_likeliest_moves(evidence, best.coordinates, best.x)
-    scatter = scatter_of(moved, best.coordinates.supposed(best.x))
-    descent = Descent(moved, judge_of(moved.rows, scatter.columns))
-    if moved is not evidence:
-        base = _carried_on(descent, base)
-        singles = [_carried_on(descent, single) for single in singles]
-    singles = _best_polished(descent, singles)
-    return descent, scatter, _polished_if_near(descent, base, singles), singles
+    found = _weighed(descent, base, [*singles, *pairs], trials, scatter, len(effects))
+    return replace(found, believed=descent.at(coordinates, believed.x, believed.slope) or believed)
 
 
 def _carried_on(descent: Descent, fitted: Fitted) -> Fitted:
-    """A fit to other evidence, fitted to this; as it was where the model has no answer there."""
+    """A fit to other evidence, fitted to this; as it was where the model has no answer there.
+
+    What scatters acts through the leg and drive as they are, and how a static table was moved through shows in how its tip was held: both
+    are learnt from the best explanation so far, and all fits go on from where they stand.
+    """
     here = descent.at(fitted.coordinates, fitted.x, fitted.slope)
     return fitted if here is None else descent.descended(here)
 
@@ -138,7 +139,9 @@ def _best_polished(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:
 
 
 def _from_belief_too(descent: Descent, found: Fitted) -> Fitted:
-    """The better of what was found and of where its effects lead when the nuisances begin once more as believed."""
+    """The better of what was found and of where its effects lead when the nuisances begin once more as believed; where it fits, that."""
+    if descent.judged(found).error < GOOD_FIT:
+        return found
     again = [descent.polished(descent.descended(begin)) for begin in _as_believed(descent, found)]
     return max((found, *again), key=lambda fitted: _evidence(descent, fitted))
 
@@ -207,8 +210,10 @@ def _as_believed(descent: Descent, base: Fitted) -> list[Fitted]:
 
 def _best_of(descent: Descent, bases: Sequence[Fitted], group: Sequence[Trial]) -> Fitted | None:
     """A few steps from every start, and all the way from where they led furthest, or from two such places where steps lead astray."""
-    begun = [begin for trial in group for base in bases if (begin := _begun(descent, base, trial)) is not None]
-    best = sorted(begun, key=lambda begin: -_evidence(descent, begin))[: 2 if _is_rugged(group[0]) else 1]
+    rugged = _is_rugged(group[0])
+    places = [(base, trial) for base in bases for trial in (group if rugged or base is bases[0] else group[:1])]
+    begun = [begin for base, trial in places if (begin := _begun(descent, base, trial)) is not None]
+    best = sorted(begun, key=lambda begin: -_evidence(descent, begin))[: 2 if rugged else 1]
     return max((descent.descended(begin) for begin in best), key=lambda found: _evidence(descent, found), default=None)
 
 
@@ -238,11 +243,28 @@ def _pairs(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Se
             break
         own = _ids(single)
         others = {(t.choice.effect.id, t.choice.whole): t.choice for t in trials if t.choice.effect.id not in own}
-        groups = _promising(descent, single, tried(descent.evidence, single, list(others.values())), PARTNERS, STARTS)
-        new = [group for group in groups if frozenset((*own, group[0].choice.effect.id)) not in found]
-        for pair in _refined(descent, single, new):
+        looks = tried(descent.evidence, single, list(others.values()))
+        groups = [*_promising(descent, single, looks, PARTNERS, STARTS), *_relieving(descent, single, judgement, looks)]
+        new = {frozenset((*own, group[0].choice.effect.id)): group for group in reversed(groups)}
+        for pair in _refined(descent, single, [group for ids, group in new.items() if ids not in found]):
             found[frozenset(_ids(pair))] = pair
     return list(found.values())
+
+
+def _relieving(descent: Descent, single: Fitted, judgement: Judgement, looks: Sequence[Trial]) -> list[list[Trial]]:
+    """The effect that does what the most strained nuisance does, if there is one: a rack 3 mm too high is no rack known to 0.2 mm."""
+    moved = judgement.posterior.mean[: single.coordinates.nuisances]
+    worst = int(np.argmax(np.abs(moved)))
+    if abs(moved[worst]) < STRAINED:
+        return []
+    wanted = _direction(descent, single.slope[:, worst])
+    alike = sorted(((abs(float(_direction(descent, look.signature) @ wanted)), n) for n, look in enumerate(looks)), reverse=True)
+    return [[looks[n]] for cosine, n in alike[:1] if cosine > DOES_THE_SAME]
+
+
+def _direction(descent: Descent, rows: Floats) -> Floats:
+    white = descent.judge.usual(rows)
+    return np.asarray(white / max(float(np.linalg.norm(white)), 1e-300))
 
 
 def fits_well(judgement: Judgement, nuisances: int) -> bool:

@@ -30,6 +30,8 @@ Floats = NDArray[np.float64]
 MODEL_ERROR = 0.01
 
 FARTHEST = 4.0  # sigmas that a believed value may move
+NEAR, SHORT = 0.3, 0.3  # sigmas within which moves stay as they are, and over which they are found anew
+STEPS = 4
 BELIEVED = 7
 
 
@@ -39,10 +41,10 @@ def sigmas_off(sigmas: Floats) -> OffBy:
         height_mm=HEIGHT_MM * sigmas[0],
         start_angle_deg=START_DEG * sigmas[1],
         friction_coefficient=FRICTION * sigmas[2],
-        k0_factor=float((1.0 + K0_SHARE) ** sigmas[3]),
-        mass_factor=float((1.0 + MASS_SHARE) ** sigmas[4]),
-        hinge_damping_factor=float((1.0 + DAMPING_SHARE) ** sigmas[5]),
-        contact_stiffness_factor=float((1.0 + CONTACT_SHARE) ** sigmas[6]),
+        k0_factor=float(np.exp(K0_SHARE * sigmas[3])),
+        mass_factor=float(np.exp(MASS_SHARE * sigmas[4])),
+        hinge_damping_factor=float(np.exp(DAMPING_SHARE * sigmas[5])),
+        contact_stiffness_factor=float(np.exp(CONTACT_SHARE * sigmas[6])),
     )
 
 
@@ -99,15 +101,30 @@ def _seen(case: Case, height_mm: float, speed: float) -> _Seen:
 
 
 def _left(seen: Sequence[_Seen], shift: Floats, moves: Floats, units: Floats) -> float:
-    """Two steps of Gauss and Newton for what the believed values explain, the prior of each one observation; what they leave."""
-    J = (moves / units[..., None]).reshape(-1, moves.shape[-1])
-    inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
-    first = inverse @ (J.T @ (shift / units).ravel())
-    once = _largest((shift - moves @ first) / units)
-    first = np.clip(first, -FARTHEST, FARTHEST)
-    rest = shift - np.concatenate([one.moved_by(first) for one in seen], axis=1)
-    second = inverse @ (J.T @ (rest / units).ravel() - first)
-    return min(once, _largest((rest - moves @ second) / units))
+    """What the believed values leave of the shift after some steps of Gauss and Newton, the prior of each one observation.
+
+    Far from where they are believed their moves are another, as the swing of a leg under much more damping.
+    """
+    there, rest, least = np.zeros(BELIEVED), shift, np.inf
+    for _ in range(STEPS):
+        step = _step(rest / units, moves / units[..., None], there)
+        least = min(least, _largest((rest - moves @ step) / units))
+        if np.abs(step).max() < NEAR:
+            break
+        there = np.clip(there + step, -FARTHEST, FARTHEST)
+        moved_there = _moved_by(seen, there)
+        rest = shift - moved_there
+        moves = np.stack([(_moved_by(seen, there + SHORT * one) - moved_there) / SHORT for one in np.eye(BELIEVED)], axis=-1)
+    return min(least, _largest(rest / units))
+
+
+def _step(rest: Floats, moves: Floats, there: Floats) -> Floats:
+    J = moves.reshape(-1, BELIEVED)
+    return np.asarray(np.linalg.solve(J.T @ J + np.eye(BELIEVED), J.T @ rest.ravel() - there))
+
+
+def _moved_by(seen: Sequence[_Seen], sigmas: Floats) -> Floats:
+    return np.concatenate([one.moved_by(sigmas) for one in seen], axis=1)
 
 
 def _largest(x: Floats) -> float:
