@@ -1,4 +1,4 @@
-"""What goes wrong inside a CubeMars / T-Motor AK drive. Its wire has faults as any other; it has no heartbeat and no watchdog of its own."""
+"""What goes wrong inside a CubeMars / T-Motor AK drive. Its wire has faults as any other; heartbeat and watchdog of its own it has none."""
 
 from collections.abc import Callable, Mapping
 
