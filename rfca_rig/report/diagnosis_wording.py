@@ -80,8 +80,8 @@ def verdict_probability(diagnosis: Diagnosis) -> float | None:
     if diagnosis.verdict == "not enough data":
         return None
     if diagnosis.verdict == "named":
-        named = frozenset(effect.id for effect in diagnosis.effects)
-        return _of(diagnosis.rivals, named) or min((effect.probability for effect in diagnosis.effects), default=None)
+        # of the names: a likelier set with one more in it, refused by a gate, agrees with them
+        return min((effect.probability for effect in diagnosis.effects), default=None)
     nothing = _of(diagnosis.rivals, frozenset())
     if diagnosis.verdict == "nothing missing" or not diagnosis.rivals:
         return nothing

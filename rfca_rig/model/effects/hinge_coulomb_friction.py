@@ -9,7 +9,8 @@ DAMPING_S = 2e-3  # about critical for the paper's links on a stuck pin
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    return with_law(setup, dry_friction(values["torque_Nm"], PRESLIDING_RAD, DAMPING_S))
+    let_go = min(max(values["let_go"], 0.0), 2.0)
+    return with_law(setup, dry_friction(values["torque_Nm"], PRESLIDING_RAD, DAMPING_S, let_go=let_go))
 
 
 EFFECT = Effect(
@@ -20,4 +21,5 @@ EFFECT = Effect(
     source="Coulomb; the paper's eqs. (18)-(19) applied to a hinge, its stuck state damped",
     parameters=(Parameter("torque_Nm", 0.002, 0.5),),
     apply=apply,
+    begins=(Parameter("let_go", -2.0, 2.0),),  # a leg that swung before comes to rest with pins that hold it less, or down
 )

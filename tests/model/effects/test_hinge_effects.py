@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rfca_rig.model.chain import advance, room_for
 from rfca_rig.model.parameters import Ground
 from rfca_rig.model.setup import set_up
 from rfca_rig.model.stroke import stroke_following
-from tests.model.effects.rigs import NO_GROUND_M, having, held, released, resting, through
+from tests.model.effects.rigs import NO_GROUND_M, TIGHT, having, held, released, resting, through
 from tests.model.legs import PAPER, pendulum
 
 INERTIA = 0.4 * 0.5**2 / 3
@@ -165,3 +166,28 @@ def test_more_viscous_damping_rings_down_faster():
     decay, rate = c / (2 * INERTIA), np.sqrt(K0 / INERTIA)
     own = np.sqrt(rate**2 - decay**2)
     assert phi == pytest.approx(0.01 * np.exp(-decay * t) * (np.cos(own * t) + decay / own * np.sin(own * t)), abs=2e-6)
+
+
+@pytest.mark.parametrize("let_go", [0.0, 1.0, 2.0])
+def test_a_leg_rests_where_its_pins_were_left_and_stays_there(let_go):
+    """Bent slowly from straight they hold it up by their torque, let go they bear nothing, after swinging they may hold it down."""
+    free_bent_rad = bent_at_rest({})
+    bent_rad = bent_at_rest({"hinge_coulomb_friction": {"torque_Nm": 0.005, "let_go": let_go}})
+    assert np.sign(free_bent_rad - bent_rad).tolist() == [1.0 - let_go] * 6
+    if let_go == 1.0:
+        assert bent_rad == pytest.approx(free_bent_rad, abs=1e-12)
+    else:
+        assert bent_rad[0] - free_bent_rad[0] == pytest.approx(
+            (let_go - 1.0) * 0.005 / PAPER.leg.k0_Nm_per_rad, rel=0.04
+        )  # the bend also shifts the weight
+
+
+def bent_at_rest(effects):
+    rig = having(PAPER, **effects)
+    setup, state = resting(rig, 0.2)
+    rest = np.diff(state.q)
+    chain = setup.chain()
+    samples = room_for(np.array([0.05, 0.5]), state.q.size)
+    advance(chain, setup.motion.shaft(), state, (0.0, 0.5), 1e-4, TIGHT, samples, setup.compiled_laws(chain))
+    assert np.diff(samples.q[-1]) == pytest.approx(rest, abs=2e-6)
+    return rest
