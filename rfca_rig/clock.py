@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Protocol
 
 
@@ -15,6 +15,10 @@ class Clock(Protocol):
 
     def started_at(self) -> datetime:
         """The moment, with time zone, at which `now_s` was zero."""
+        ...
+
+    def wall_time(self) -> datetime:
+        """What a clock on the wall shows now, with time zone. It may be set while `now_s` goes on: together they tell by how much."""
         ...
 
     def wait_until(self, t_s: float) -> None:
@@ -34,6 +38,9 @@ class WallClock:
 
     def started_at(self) -> datetime:
         return self._started_at
+
+    def wall_time(self) -> datetime:
+        return datetime.now(UTC)
 
     def wait_until(self, t_s: float) -> None:
         left_s = t_s - self.now_s()
@@ -60,6 +67,9 @@ class TwinClock:
 
     def started_at(self) -> datetime:
         return datetime(2000, 1, 1, tzinfo=UTC)
+
+    def wall_time(self) -> datetime:
+        return self.started_at() + timedelta(seconds=self._now_s)
 
     def wait_until(self, t_s: float) -> None:
         if t_s > self._now_s:

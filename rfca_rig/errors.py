@@ -4,6 +4,7 @@ RigError                    exit code 1: the work could not be done
 ├── BadInput                exit code 2: a file, an option or a plan is not usable; nothing was changed
 ├── DeviceError             exit code 1: a motor or sensor did not do what was asked
 ├── SimulationFailed        exit code 1: the model could not be computed for these values
+├── DiskFull                exit code 1: the disk takes no more; what was acknowledged before is safe
 ├── Tripped                 exit code 3: a limit stopped the motion
 └── Stopped                 exit code 130: the operator stopped the run
 """
@@ -27,6 +28,10 @@ class DeviceError(RigError):
 
 class SimulationFailed(RigError):
     """The integrator gave up; the message says when in the stroke, and with which values."""
+
+
+class DiskFull(RigError):
+    """The disk takes no more. A run that meets it has its motor off; what was recorded until then is kept."""
 
 
 class Tripped(RigError):

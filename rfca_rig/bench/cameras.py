@@ -1,8 +1,22 @@
-"""The twin of a camera behind the role that real ones have."""
+"""The cameras that a rig file may name, and the twin of one, each behind what the engine asks of a camera."""
+
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.drivers.roles import Photo
-from rfca_rig.twins.camera import CameraTwin
+from rfca_rig.description.camera_sections import CameraSection, OpenCvCameraSection, PhotoFolderSection, TwinCameraSection
+from rfca_rig.drivers.arriving_photos import ArrivingPhotos
+from rfca_rig.drivers.camera import OpenCvCamera
+from rfca_rig.drivers.camera_thread import CameraThread
+from rfca_rig.drivers.roles import Camera, Photo, Photographer
+from rfca_rig.twins.camera import CameraTwin, StandingLeg
+from rfca_rig.vision.leg_photo import Eye
+
+TWIN_PHOTO_S = 0.2  # exposure, and the way to the host
 
 
 class TwinCamera:
@@ -22,3 +36,69 @@ class TwinCamera:
 
     def identity(self) -> dict[str, str]:
         return {"camera": "twin"}
+
+
+class DelayedCamera:
+    """Implements `Photographer` with a camera that takes no time: it exposes when asked, and hands the photo out `takes_s` later.
+
+    All on the caller's thread, so that a run on a twin's clock is the same every time.
+    """
+
+    def __init__(self, camera: Camera, clock: Clock, takes_s: float) -> None:
+        self._camera = camera
+        self._clock = clock
+        self._takes_s = takes_s
+        self._photo: Photo | None = None
+
+    def begin(self) -> None:
+        self._photo = self._camera.photo()
+
+    def taken(self) -> Photo | None:
+        if self._photo is None or self._clock.now_s() < self._photo.host_s + self._takes_s:
+            return None
+        photo, self._photo = self._photo, None
+        return photo
+
+    def close(self) -> None:
+        self._camera.close()
+
+    def identity(self) -> dict[str, str]:
+        return self._camera.identity()
+
+
+class Announced:
+    """Implements `Camera`: tells the person at the shutter when it is time."""
+
+    def __init__(self, camera: Camera, tell: Callable[[str], None]) -> None:
+        self._camera = camera
+        self._tell = tell
+
+    def photo(self) -> Photo:
+        self._tell("REAL take the photo now")
+        return self._camera.photo()
+
+    def close(self) -> None:
+        self._camera.close()
+
+    def identity(self) -> dict[str, str]:
+        return self._camera.identity()
+
+
+def make_camera(section: CameraSection, eye: Eye, clock: Clock, stack: ExitStack) -> Photographer:
+    """The camera that [camera] names, closed with the stack. Raises DeviceError or BadInput where it cannot be had."""
+    camera: Camera
+    match section:
+        case OpenCvCameraSection():
+            camera = OpenCvCamera(section.number, eye.camera.image_size_px, clock)
+        case PhotoFolderSection():
+            arriving = ArrivingPhotos(Path(section.folder), clock, section.photo_limit_s)
+            camera = Announced(arriving, lambda line: print(line, file=sys.stderr))
+    threaded = CameraThread(camera)
+    stack.callback(threaded.close)
+    return threaded
+
+
+def make_twin_camera(eye: Eye, leg: StandingLeg, twin: TwinCameraSection, random: np.random.Generator, clock: Clock) -> Photographer:
+    """The twin of whatever camera it is: it renders `leg` as it stands when a photo is asked for."""
+    rendered = CameraTwin(leg, eye.plan, eye.camera, twin.disturbance(), random)
+    return DelayedCamera(TwinCamera(rendered, clock), clock, TWIN_PHOTO_S)

@@ -17,10 +17,11 @@ HOLD_S = 0.5  # enough for the model to settle
 
 
 def expected_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
-    """The load that the model predicts in each stroke, and in each move and hold of a static sequence.
+    """The load that the model predicts in each stroke, in each hold of a static sequence, and in its moves elsewhere.
 
     A static sequence is followed at one height after the other, as the plan moves the shaft, so that a leg which wedges when
-    it is pushed back is seen beforehand.
+    it is pushed back is seen beforehand. Which link ends touch is part of the model's solution. A hold's load is the largest on the
+    way to it and at it.
     """
     return {**_flaps(plan, rig), **_holds(plan, rig)}
 
@@ -56,7 +57,7 @@ def _sequences(plan: Plan) -> list[tuple[float, list[MoveShaft | Hold]]]:
 
 
 def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> dict[Stage, Load]:
-    """Follows the shaft through moves at their speeds and short holds; the load within each stage."""
+    """Follows the shaft through moves at their speeds and short holds; the load of each hold with the way to it, and of other moves."""
     angles, times = [rig.leg.start_angle_rad], [0.0]
     for stage in stages:
         way_rad = way_to(stage.angle_rad, angles[-1], stage.forwards) if isinstance(stage, MoveShaft) else 0.0
@@ -65,10 +66,16 @@ def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> di
     t_s = np.arange(0.0, times[-1], SLOW_SAMPLE_S)
     held = stroke_following(rig, height_m, _polyline(np.array(times), np.array(angles)), t_s)
     expected: dict[Stage, Load] = {}
-    for stage, begin_s, end_s in zip(stages, times, times[1:], strict=False):
+    for place, (stage, begin_s, end_s) in enumerate(zip(stages, times, times[1:], strict=False)):
         load = _load(held, (t_s >= begin_s) & (t_s <= end_s))
-        expected[stage] = load.with_more(expected.get(stage, load))
+        meant = _hold_after(stages[place:]) or stage
+        expected[meant] = load.with_more(expected.get(meant, load))
     return expected
+
+
+def _hold_after(stages: list[MoveShaft | Hold]) -> Hold | None:
+    """The hold that the first of the stages is, or leads straight to."""
+    return next((stage for stage in stages[:2] if isinstance(stage, Hold)), None)
 
 
 def _load(stroke: SimulatedStroke, part: slice | NDArray[np.bool_]) -> Load:

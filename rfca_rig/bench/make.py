@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import can
 import numpy as np
 
+from rfca_rig.bench.cameras import make_camera, make_twin_camera
 from rfca_rig.bench.force_sensors import make_force_sensor, make_sensor_pair
 from rfca_rig.bench.leg_plant import LegPlant, Scatter
 from rfca_rig.bench.motors import make_motor, make_motor_twin, open_bus
@@ -19,39 +20,45 @@ from rfca_rig.twins.can_wire import can_wire
 from rfca_rig.twins.motor import MotorTwin
 from rfca_rig.twins.sensor import SensorTwin
 from rfca_rig.twins.world import TwinWorld
+from rfca_rig.vision.leg_photo import Eye
 
 FIRST_HEIGHT_M = 0.25  # where the twin's rack stands until a plan sets it
 
 
 @contextmanager
-def open_bench(rig: RigFile, seed: int | None) -> Iterator[Bench]:
-    """The devices, open for the length of the block. `seed` decides all randomness of a twin; None on a real rig."""
+def open_bench(rig: RigFile, seed: int | None, eye: Eye | None = None) -> Iterator[Bench]:
+    """The devices, open for the length of the block. `seed` decides all randomness of a twin; None on a real rig.
+
+    With `eye`, the rig file's own, the camera too.
+    """
     with ExitStack() as stack:
         if rig.is_real:
-            yield _real_bench(rig, stack)
+            yield _real_bench(rig, eye, stack)
         elif rig.twin is not None and seed is not None:
-            yield _twin_bench(rig, rig.twin, seed, stack)
+            yield _twin_bench(rig, rig.twin, seed, eye, stack)
         else:
             raise BadInput(f"{rig.rig.title}: a twin needs a [twin] section and a seed")
 
 
-def _real_bench(rig: RigFile, stack: ExitStack) -> Bench:
+def _real_bench(rig: RigFile, eye: Eye | None, stack: ExitStack) -> Bench:
     clock, motor = WallClock(), rig.motor
     try:
         bus = stack.enter_context(open_bus(motor))
     except (can.CanError, OSError, ValueError) as error:
         raise DeviceError(f"CAN bus {motor.interface} {motor.channel} cannot be opened: {error}; check [motor] in the rig file") from error
-    return Bench(make_motor(rig, bus, clock), make_force_sensor(rig, clock, stack), HandRack(), clock, is_real=True)
+    camera = make_camera(rig.camera, eye, clock, stack) if rig.camera and eye else None
+    return Bench(make_motor(rig, bus, clock), make_force_sensor(rig, clock, stack), HandRack(), clock, True, camera)
 
 
-def _twin_bench(rig: RigFile, twin: TwinSection, seed: int, stack: ExitStack) -> Bench:
+def _twin_bench(rig: RigFile, twin: TwinSection, seed: int, eye: Eye | None, stack: ExitStack) -> Bench:
     clock = TwinClock()
     drivers_end, twins_end = stack.enter_context(can_wire())
     noise, chance = _randomness(seed)
     pair = make_sensor_pair(rig, twin, noise)
     twins = _put_together(rig, twin, chance, twins_end, pair.twin)
     clock.carry(twins.world.process)
-    return Bench(make_motor(rig, drivers_end, clock), pair.driver(clock), TwinRack(twins.plant), clock, is_real=False)
+    camera = make_twin_camera(eye, twins.plant, twin.camera, np.random.default_rng([seed, 2]), clock) if eye else None
+    return Bench(make_motor(rig, drivers_end, clock), pair.driver(clock), TwinRack(twins.plant), clock, False, camera)
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ from rfca_rig.campaign.layout import FILE_NAME
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.believed import believed_model
 from rfca_rig.errors import BadInput
+from rfca_rig.recording import run_folder
 from rfca_rig.recording.form import Recording
-from rfca_rig.recording.run_file import partial_of, read_partial
+from rfca_rig.recording.older_partial import partial_of, read_partial
 from rfca_rig.recording.store import read_recording
 
 RECORDING_NAME = "run.h5"
@@ -58,6 +59,8 @@ def _open_folder(folder: Path) -> Recording:
         return read_recording(recording)
     if (folder / FILE_NAME).is_file():
         return read_campaign(folder)
+    if run_folder.is_run(folder):
+        return run_folder.read_stages(folder)
     if partial_of(recording).is_dir():
         return read_partial(recording)
     raise BadInput(f"{folder}: holds neither {FILE_NAME} nor {RECORDING_NAME}, so it is no campaign and no run")

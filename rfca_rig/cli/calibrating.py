@@ -49,7 +49,7 @@ def camera(
         Path | None, typer.Option("--plane", metavar="PHOTO", help="A photo of the board held in the plane of the marks.")
     ] = None,
     board_at: Annotated[
-        str | None, typer.Option("--board-at", metavar="Y,Z", help="There: its upper left corner from the shaft axis, in mm, Z downwards.")
+        str | None, typer.Option("--board-at", metavar="Y,Z", help="There: its upper left corner from the shaft axis, in mm, Z up.")
     ] = None,
     shaft_px: Annotated[
         str | None, typer.Option("--shaft-px", metavar="U,V", help="Instead: where the shaft axis is in that photo, in pixels.")
@@ -66,7 +66,7 @@ def camera(
 ) -> None:
     """Camera matrix, lens distortion and the place of the plane of motion, from photos of a ChArUco board.
 
-    Example: rfca-rig calibrate camera board-photos/ --plane board-in-plane.jpg --board-at 20,-15
+    Example: rfca-rig calibrate camera board-photos/ --plane board-in-plane.jpg --board-at 20,15
     """
     from rfca_rig.cli.terminal import marked
     from rfca_rig.description.camera_file import camera_file, write_camera_file

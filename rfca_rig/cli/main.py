@@ -11,6 +11,7 @@ from typer.exceptions import Abort, TyperException
 from rfca_rig import __version__
 from rfca_rig.cli import (
     calibrating,
+    checking,
     crosscheck,
     diagnosing,
     doctoring,
@@ -43,6 +44,7 @@ app.add_typer(serving.app, name="twin")
 app.add_typer(calibrating.app, name="calibrate")
 app.command("import")(importing.import_folder)
 app.command("recover")(recovering.recover)
+app.command("check")(checking.check)
 app.command("predict")(predicting.predict)
 app.command("report")(reporting.report)
 app.command("fit")(fitting.fit)

@@ -1,32 +1,73 @@
 """rfca-rig recover"""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rfca_rig.cli.options import Json
+
+if TYPE_CHECKING:
+    from rfca_rig.recording.form import Recording
 
 
 def recover(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of the run, or the run.h5 that it should have become.")],
     as_json: Json = False,
 ) -> None:
-    """Make a whole recording of a run that a crash or a power cut ended. Not while the run is still going on.
+    """Make a whole recording of a run that a crash or a power cut ended, the stage in progress included. Not while it still goes on.
+
+    Also makes run.h5 anew from the files of the stages, where it is missing or damaged.
 
     Example: rfca-rig recover runs/REAL-flapping-001
     """
     import json
 
     from rfca_rig.campaign.opening import RECORDING_NAME
-    from rfca_rig.recording import run_file
-    from rfca_rig.recording.store import read_recording
+    from rfca_rig.recording.run_folder import is_run
 
     path = run if run.suffix == ".h5" else run / RECORDING_NAME
-    recording = read_recording(run_file.recover(path))
+    recording = _recovered(path.parent) if is_run(path.parent) else _older(path)
     if as_json:
-        counted = {"strokes": len(recording.strokes), "static_stages": len(recording.static)}
+        counted = {"strokes": len(recording.strokes), "static_stages": len(recording.static), "raw_stages": len(recording.raw)}
         typer.echo(json.dumps({"source": recording.source, "run": str(path), "title": recording.title, **counted}, indent=1))
         return
-    counted_text = f"{len(recording.strokes)} strokes and {len(recording.static)} static stages"
+    cut_short = "".join(f", {raw.label} until it was cut short" for raw in recording.raw if raw.cut_short)
+    counted_text = f"{len(recording.strokes)} strokes and {len(recording.static)} static stages{cut_short}"
     typer.echo(f"{recording.source} recovered {counted_text} in {path}; next: rfca-rig report {path} --out report", err=True)
+
+
+def _recovered(folder: Path) -> "Recording":
+    from rfca_rig.bench.stage_photos import with_photos_read
+    from rfca_rig.errors import BadInput
+    from rfca_rig.recording import run_folder
+    from rfca_rig.recording.run_text import Ending, read_ending, write_ending
+
+    if run_folder.is_whole(folder):
+        raise BadInput(f"{folder}: is whole; there is nothing to recover")
+    run_folder.close_journals(folder)
+    if read_ending(folder) is None:
+        found = run_folder.read_stages(folder)
+        seen = with_photos_read(found, folder)
+        added = {name: text for name, text in seen.provenance.items() if name != "events" and found.provenance.get(name) != text}
+        interrupted = {run_folder.INTERRUPTED: found.provenance[run_folder.INTERRUPTED]}
+        write_ending(folder, Ending({**interrupted, **added}, seen.static))
+    run_folder.build(folder)
+    return run_folder.read_stages(folder)
+
+
+def _older(path: Path) -> "Recording":
+    """A run of an older version, which left a folder beside the file that it should have become."""
+    from rfca_rig.bench.stage_photos import with_photos_read
+    from rfca_rig.errors import BadInput
+    from rfca_rig.recording.older_partial import partial_of, recover_partial
+    from rfca_rig.recording.store import read_recording, write_recording
+
+    if not partial_of(path).is_dir():
+        what = "is whole" if path.is_file() else "is not there"
+        raise BadInput(f"{path}: {what}, and there is no interrupted run beside it to recover")
+    recording = read_recording(recover_partial(path))
+    seen = with_photos_read(recording, path.parent)
+    if seen is not recording:
+        write_recording(seen, path)
+    return seen

@@ -1,10 +1,13 @@
-"""rfca-rig static run"""
+"""rfca-rig static"""
 
+from dataclasses import replace
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rfca_rig.cli import static_photos, static_reporting
 from rfca_rig.cli.options import Dry, Json, Model, Rig, Runs, Seed
 
 if TYPE_CHECKING:
@@ -16,9 +19,8 @@ if TYPE_CHECKING:
 app = typer.Typer(help="The static experiment: turn the shaft in stages, let the leg settle, measure.", no_args_is_help=True)
 
 
-@app.callback()
-def _group() -> None:
-    """Keeps `run` a command of its own."""
+app.command("report")(static_reporting.report)
+app.command("photos")(static_photos.photos)
 
 
 @app.command()
@@ -33,7 +35,7 @@ def run(
     dry_run: Dry = False,
     as_json: Json = False,
 ) -> None:
-    """Go through the stages of a protocol at each of its heights, and record force and shaft once they have settled.
+    """Go through the stages of a protocol at each of its heights; record force, shaft and hinge angles once they have settled.
 
     Example: rfca-rig static run
     """
@@ -50,15 +52,18 @@ def run(
     plan = static_plan(read_static(protocol_path).static_stages(), rig_file.facts())
     supposed, model_text = (read_model_file(model), read_text(model)) if model else (None, "")
     order = Order(rig_file, read_text(rig_path), read_text(protocol_path), plan, seed, runs, as_json, dry_run, supposed, model_text)
+    if rig_file.camera and plan.photos:
+        order = replace(order, eye=rig_file.eye(), camera_text=read_text(Path(rig_file.camera.calibration_file)))
     folder, recorder = carry_out(order, _say_stage)
     if folder is None or recorder is None:
         return
     if as_json:
         _print_json(order.mark, folder, recorder.stages)
     else:
-        typer.echo(
-            f"{order.mark} recorded {len(recorder.stages)} stages in {folder}; next: rfca-rig report {folder} --out report", err=True
-        )
+        for line in static_photos.photo_lines(recorder.stages):
+            typer.echo(f"{order.mark} {line}", err=True)
+        following = f"static report {folder}" if any(stage.overlay for stage in recorder.stages) else f"report {folder} --out report"
+        typer.echo(f"{order.mark} recorded {len(recorder.stages)} stages in {folder}; next: rfca-rig {following}", err=True)
 
 
 def _say_stage(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
@@ -67,7 +72,8 @@ def _say_stage(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
     if isinstance(stage, Hold):
         row = recorder.stages[-1]
         unsettled = "" if row.settled else f", NOT SETTLED within {stage.settle.limit_s:g} s"
-        say(f"{stage.label}: fy {row.fy_N:.2f} N, fz {row.fz_N:.2f} N, tx {row.tx_Nm:.3f} N m{unsettled}")
+        no_photo = f", NO PHOTO: {row.photo_doubts}" if row.photo_doubts else ""
+        say(f"{stage.label}: fy {row.fy_N:.2f} N, fz {row.fz_N:.2f} N, tx {row.tx_Nm:.3f} N m{unsettled}{no_photo}")
 
 
 def _print_json(mark: str, folder: Path, stages: "list[StaticStage]") -> None:
@@ -83,6 +89,11 @@ def _print_json(mark: str, folder: Path, stages: "list[StaticStage]") -> None:
             "fz_N": stage.fz_N,
             "tx_Nm": stage.tx_Nm,
             "settled": stage.settled,
+            "hinge_deg": [None if isnan(angle) else angle for angle in stage.hinge_deg],
+            "hinge_std_deg": [None if isnan(std) else std for std in stage.hinge_std_deg],
+            "photo": stage.photo,
+            "overlay": stage.overlay,
+            "photo_doubts": stage.photo_doubts,
         }
         for stage in stages
     ]

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.plane_of_motion import PlanePose
 
 Floats = NDArray[np.float64]
+AXES: Literal["y along the ground, z up"] = "y along the ground, z up"
 Pixels = Annotated[int, Field(ge=16, le=65535)]
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 Size = Annotated[tuple[Pixels, Pixels], Field(strict=False)]
@@ -47,8 +48,12 @@ class LensSection(Section):
 
 
 class PlaneSection(Section):
-    """[plane]: a point (x, y, z) of the plane frame is seen from the camera at `rotation` times it plus `translation_mm`."""
+    """[plane]: a point (x, y, z) of the plane frame is seen from the camera at `rotation` times it plus `translation_mm`.
 
+    The plane frame's origin is the shaft axis; x completes the right-handed frame.
+    """
+
+    axes: Literal["y along the ground, z up"]
     rotation: Matrix
     translation_mm: Triple
     photo: str
@@ -148,6 +153,7 @@ def plane_section(pose: PlanePose, photo: str, origin_from: str) -> PlaneSection
     rows = [(float(row[0]), float(row[1]), float(row[2])) for row in pose.rotation]
     shift = (1e3 * pose.translation_m).tolist()
     return PlaneSection(
+        axes=AXES,
         rotation=(rows[0], rows[1], rows[2]),
         translation_mm=(shift[0], shift[1], shift[2]),
         photo=photo,

@@ -9,9 +9,10 @@ from pydantic import Field
 from rfca_rig.description.sections import Positive, Section
 from rfca_rig.description.toml import read_toml
 from rfca_rig.protocol.experiments import Condition, Flapping, StaticStages
-from rfca_rig.protocol.plan import SettleCriterion
+from rfca_rig.protocol.plan import Direction, SettleCriterion
 
 HeightMm = Annotated[float, Field(gt=0, le=1000)]
+Reversal = Annotated[float, Field(ge=0, le=20)]
 
 
 class SettleSection(Section):
@@ -57,20 +58,28 @@ class DynamicFile(Section):
 
 
 class StageSection(Section):
-    """One shaft angle, and whether the leg is being loaded or let back."""
+    """One shaft angle, and whether the leg is being loaded or let back; `reversal_deg` for this stage alone."""
 
     angle_deg: Annotated[float, Field(ge=0, le=180)]
     direction: Literal["loading", "unloading"] = "loading"
+    reversal_deg: Reversal | None = None
 
 
 class StaticFile(Section):
-    """Static stages of the shaft angle at fixed heights."""
+    """Static stages of the shaft angle at fixed heights.
+
+    Once settled, a stage waits `dwell_s`, averages over `average_s`, and has its `photo` taken where the rig has a camera. After each stage
+    the shaft turns back by `reversal_deg` and is held there, a stage of its own: friction at the floor shows in what differs.
+    """
 
     experiment: Literal["static"]
     title: str
     heights_mm: Annotated[tuple[HeightMm, ...], Field(min_length=1, strict=False)]
     move_speed_rad_s: Positive
     average_s: Annotated[float, Field(ge=0.05, le=600)]
+    dwell_s: Annotated[float, Field(ge=0, le=600)] = 0.0
+    photo: bool = True
+    reversal_deg: Reversal = 0.0
     settle: SettleSection
     stages: Annotated[tuple[StageSection, ...], Field(min_length=1, strict=False)]
 
@@ -79,11 +88,24 @@ class StaticFile(Section):
         return StaticStages(
             title=self.title,
             heights_m=tuple(height_mm / 1e3 for height_mm in self.heights_mm),
-            angles_rad=tuple((float(np.radians(stage.angle_deg)), stage.direction) for stage in self.stages),
+            angles_rad=tuple(
+                (float(np.radians(angle_deg)), direction) for stage in self.stages for angle_deg, direction in self._held(stage)
+            ),
             move_speed_rad_s=self.move_speed_rad_s,
             settle=self.settle.criterion(),
             average_s=self.average_s,
+            dwell_s=self.dwell_s,
+            photo=self.photo,
         )
+
+    def _held(self, stage: StageSection) -> list[tuple[float, Direction]]:
+        """Where a stage has the shaft held: at its angle, and where it turns back to."""
+        back_deg = self.reversal_deg if stage.reversal_deg is None else stage.reversal_deg
+        if not back_deg:
+            return [(stage.angle_deg, stage.direction)]
+        other: Direction = "unloading" if stage.direction == "loading" else "loading"
+        way = -1.0 if stage.direction == "loading" else 1.0
+        return [(stage.angle_deg, stage.direction), (stage.angle_deg + way * back_deg, other)]
 
 
 def read_dynamic(path: Path) -> DynamicFile:

@@ -7,6 +7,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from rfca_rig.description.believed import believed_model
+from rfca_rig.description.camera_file import CameraFile
+from rfca_rig.description.camera_sections import CameraSection, PhotoFolderSection, TwinCameraSection
 from rfca_rig.description.force_sensor_sections import AtiDaqSection, ForceSensor
 from rfca_rig.description.motor_sections import Motor
 from rfca_rig.description.sections import (
@@ -20,10 +22,13 @@ from rfca_rig.description.sections import (
     Section,
     SensorSection,
 )
-from rfca_rig.description.toml import read_toml
+from rfca_rig.description.toml import model_of, read_text, read_toml
+from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.protocol.experiments import RigFacts
 from rfca_rig.protocol.plan import Limits, Rates
+from rfca_rig.vision.camera_model import CameraModel
+from rfca_rig.vision.leg_photo import Eye
 
 
 class RigSection(Section):
@@ -71,6 +76,7 @@ class TwinSection(Section):
     noise_Nm: NotNegative
     drive: TwinDriveSection
     scatter: TwinScatterSection = TwinScatterSection()
+    camera: TwinCameraSection = TwinCameraSection()
 
 
 class RigFile(Section):
@@ -86,12 +92,20 @@ class RigFile(Section):
     limits: LimitsSection
     motor: Motor
     force_sensor: ForceSensor
+    camera: CameraSection | None = None
     twin: TwinSection | None = None
 
     @model_validator(mode="after")
     def _twin_is_described(self) -> "RigFile":
         if self.rig.kind == "twin" and self.twin is None:
             raise ValueError("a rig of kind 'twin' needs a [twin] section")
+        return self
+
+    @model_validator(mode="after")
+    def _marks_are_on_the_leg(self) -> "RigFile":
+        links = len(self.leg.link_lengths_mm)
+        if self.camera and any(mark.link > links for mark in self.camera.marks.places):
+            raise ValueError(f"camera.marks.places: names a link beyond the leg's {links}")
         return self
 
     @property
@@ -115,7 +129,22 @@ class RigFile(Section):
             ramp_s=self.drive.ramp_s,
             limits=self._limits(),
             rates=Rates(self.force_sensor.rate_Hz, self.motor.reports_Hz),
+            photo_limit_s=self.camera.photo_limit_s if self.camera else 0.0,
         )
+
+    def eye(self) -> Eye | None:
+        """What the camera's photos are read with; None without [camera]. Raises BadInput where its calibration cannot be used."""
+        if self.camera is None:
+            return None
+        path = Path(self.camera.calibration_file)
+        return self.eye_behind(read_text(path), path)
+
+    def eye_behind(self, camera_text: str, path: Path) -> Eye | None:
+        """The same with the text of a calibration that stood at `path`."""
+        if self.camera is None:
+            return None
+        lengths_m = tuple(length_mm / 1e3 for length_mm in self.leg.link_lengths_mm)
+        return Eye(_camera_before_the_plane(camera_text, path), self.camera.marks.plan(lengths_m), lengths_m)
 
     def _limits(self) -> Limits:
         limits = self.limits
@@ -137,8 +166,22 @@ def read_rig(path: Path) -> RigFile:
 
 def _with_files_beside(folder: Path, rig: RigFile) -> RigFile:
     """The rig, with the paths in it counted from its own folder."""
-    sensor = rig.force_sensor
-    if not isinstance(sensor, AtiDaqSection):
-        return rig
-    beside = sensor.model_copy(update={"calibration_file": str(folder / sensor.calibration_file)})
-    return rig.model_copy(update={"force_sensor": beside})
+    sensor, camera = rig.force_sensor, rig.camera
+    if isinstance(sensor, AtiDaqSection):
+        rig = rig.model_copy(update={"force_sensor": _from(folder, sensor, "calibration_file")})
+    if camera is not None:
+        paths = ("calibration_file", "folder") if isinstance(camera, PhotoFolderSection) else ("calibration_file",)
+        rig = rig.model_copy(update={"camera": _from(folder, camera, *paths)})
+    return rig
+
+
+def _from(folder: Path, section: Section, *keys: str) -> Section:
+    return section.model_copy(update={key: str(folder / getattr(section, key)) for key in keys})
+
+
+def _camera_before_the_plane(text: str, path: Path) -> CameraModel:
+    try:
+        return model_of(text, CameraFile, path).model()
+    except BadInput as error:
+        told = str(error)
+        raise BadInput(told if str(path) in told else f"{path}: {told}") from None

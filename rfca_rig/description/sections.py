@@ -114,6 +114,7 @@ class KnownToSection(Section):
     start_angle_deg: Positive | None = None
     friction_coefficient: Positive | None = None
     k0_relative: Positive | None = None
+    k2_relative: Positive | None = None
     mass_relative: Positive | None = None
     hinge_damping_relative: Positive | None = None
     contact_stiffness_relative: Positive | None = None

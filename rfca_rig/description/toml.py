@@ -22,7 +22,11 @@ def read_toml(path: Path, model: type[Model]) -> Model:
 
     Raises BadInput `FILE:LINE: key: what is wrong` for a file that is missing, not UTF-8, not TOML, or not what `model` asks for.
     """
-    text = read_text(path)
+    return model_of(read_text(path), model, path)
+
+
+def model_of(text: str, model: type[Model], path: Path) -> Model:
+    """The same of a text that stood, or might have stood, at `path`."""
     data = _parsed(text, path)
     try:
         return model.model_validate(data)

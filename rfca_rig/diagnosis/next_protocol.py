@@ -33,7 +33,7 @@ def write_next_protocol(folder: Path, proposal: Mapping[str, Any] | None) -> Pat
     if proposal is None or proposal["protocol"] is None:
         path.unlink(missing_ok=True)
         return None
-    content = protocol_of(proposal).model_dump(mode="json")
+    content = protocol_of(proposal).model_dump(mode="json", exclude_unset=True)
     write_atomically(path, (f"# {proposal['why']}\n" + _toml(content)).encode("utf-8"))
     return path
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from rfca_rig.clock import Clock
 from rfca_rig.description.motor_sections import MoteusSection
 from rfca_rig.description.rig_file import RigFile
+from rfca_rig.doctor.camera_checks import check_camera
 from rfca_rig.doctor.computer_checks import check_computer
 from rfca_rig.doctor.finding import Finding, green
 from rfca_rig.doctor.motor_checks import check_motor
@@ -22,6 +23,7 @@ def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
         return
     yield from check_motor(rig.motor, clock)
     yield from check_sensor(rig.force_sensor, clock)
+    yield from check_camera(rig, clock)
     yield from check_computer(runs, clock, _watchdog_s(rig))
 
 

@@ -13,12 +13,18 @@ def photos_in(folder: Path) -> list[Path]:
 
     Raises BadInput where there is no such folder, or no picture in it.
     """
+    found = pictures_in(folder)
+    if not found:
+        raise BadInput(f"{folder}: holds no picture; expected are files that end in {', '.join(ENDINGS)}")
+    return found
+
+
+def pictures_in(folder: Path) -> list[Path]:
+    """The same of a folder that may hold none yet. Raises BadInput where there is no such folder."""
     try:
         found = [file for file in folder.iterdir() if file.suffix.lower() in ENDINGS and not file.name.startswith(".")]
     except OSError as error:
         raise BadInput(f"{folder}: cannot be read: {error.strerror}; name the folder that holds the photos") from None
-    if not found:
-        raise BadInput(f"{folder}: holds no picture; expected are files that end in {', '.join(ENDINGS)}")
     return sorted(found, key=_as_people_sort)
 
 

@@ -157,6 +157,24 @@ class Camera(Protocol):
     def identity(self) -> dict[str, str]: ...
 
 
+class Photographer(Protocol):
+    """Has photos taken while its caller goes on: what the control loop needs of a camera. Nothing here waits."""
+
+    def begin(self) -> None:
+        """Asks for a photo. Raises DeviceError while an earlier one has not come; one that came too late is forgotten."""
+        ...
+
+    def taken(self) -> Photo | None:
+        """The photo, once, as soon as it is there. Raises what the camera raised instead."""
+        ...
+
+    def close(self) -> None:
+        """Lets go of the camera, or leaves one behind that does not answer. May be called at any time, any number of times."""
+        ...
+
+    def identity(self) -> dict[str, str]: ...
+
+
 class Rack(Protocol):
     """What sets the height of the shaft above the ground: a hand on the lead screws, or a twin."""
 

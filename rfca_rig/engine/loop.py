@@ -7,7 +7,7 @@ import numpy as np
 
 from rfca_rig.drivers.roles import ForceSamples
 from rfca_rig.engine.bench import Bench
-from rfca_rig.engine.tap import Tap
+from rfca_rig.engine.tap import Listener, Tap
 from rfca_rig.engine.watch import Tracking, Watch
 from rfca_rig.errors import DeviceError
 from rfca_rig.protocol.plan import Limits
@@ -17,7 +17,10 @@ FIRST_LOOK_S = 0.005
 
 
 class Loop:
-    """Ticks, and knows the shaft as last reported. `target_rad` is where the shaft should be."""
+    """Ticks, and knows the shaft as last reported. `target_rad` is where the shaft should be.
+
+    `worst_gap_s` is the longest that a tick has taken, with whatever was done between it and the one before.
+    """
 
     def __init__(self, bench: Bench, limits: Limits) -> None:
         self._bench = bench
@@ -27,6 +30,8 @@ class Loop:
         self._taps: list[Tap] = []
         self._force_N = np.full(3, np.nan)
         self._tick_s = bench.clock.now_s()
+        self._woke_s = self._tick_s
+        self.worst_gap_s = 0.0
         self.angle_rad = 0.0
         self.speed_rad_s = 0.0
         self.target_rad = 0.0
@@ -43,7 +48,7 @@ class Loop:
     def begin(self) -> None:
         """Waits for the first report of the shaft, and takes that as the target. Old watches are forgotten."""
         self._watch = Watch(self._limits, self._scale)
-        started_s = self._tick_s = self._bench.clock.now_s()
+        started_s = self._tick_s = self._woke_s = self._bench.clock.now_s()
         while not self._read():
             self._tick_s += FIRST_LOOK_S
             self._bench.clock.wait_until(self._tick_s)
@@ -68,6 +73,12 @@ class Loop:
         """To the end of the tick; one that is over already ends now."""
         self._tick_s = max(self._tick_s + period_s, self._bench.clock.now_s())
         self._bench.clock.wait_until(self._tick_s)
+        self._note_gap()
+
+    def _note_gap(self) -> None:
+        """The drive's watchdog sees the time between commands, which is that between ends of waiting."""
+        now_s = self._bench.clock.now_s()
+        self.worst_gap_s, self._woke_s = max(self.worst_gap_s, now_s - self._woke_s), now_s
 
     def _check(self, target_rad: float, target_speed_rad_s: float) -> None:
         self.target_rad = target_rad
@@ -90,9 +101,9 @@ class Loop:
             self._force_N = force.counts[:, :3].mean(axis=0) / self._scale.counts_per_N
 
     @contextmanager
-    def recorded(self) -> Iterator[Tap]:
-        """Everything the devices report inside the block goes into the tap."""
-        tap = Tap()
+    def recorded(self, listener: Listener) -> Iterator[Tap]:
+        """Everything the devices report inside the block goes into the tap, and through it to the listener."""
+        tap = Tap(listener)
         self._taps.append(tap)
         try:
             yield tap

@@ -1,23 +1,14 @@
 """Runs a plan on a bench. There is one way out: the motor without torque, the sensor stopped."""
 
 from collections.abc import Callable
-from typing import Protocol
 
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.settling import settle
-from rfca_rig.engine.stages import TICK_S, Recorded, flap, hold, move
+from rfca_rig.engine.sink import Sink
+from rfca_rig.engine.stages import TICK_S, flap, hold, move
 from rfca_rig.errors import DeviceError, Stopped
 from rfca_rig.protocol.plan import Flap, Hold, MoveShaft, Plan, Rest, SetHeight, Stage
-
-
-class Sink(Protocol):
-    """Takes over each recorded stage as soon as it is done."""
-
-    def flap(self, stage: Flap, recorded: Recorded) -> None: ...
-
-    def hold(self, stage: Hold, recorded: Recorded) -> None: ...
-
 
 Progress = Callable[[Stage], None]
 
@@ -37,7 +28,10 @@ def run_plan(plan: Plan, bench: Bench, sink: Sink, progress: Progress) -> None:
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; stages finished before are recorded") from None
     finally:
-        _switch_off(bench)
+        try:
+            _switch_off(bench)
+        finally:
+            sink.off(loop.worst_gap_s)
 
 
 def _carry_out(stage: Stage, loop: Loop, bench: Bench, sink: Sink) -> None:
@@ -49,9 +43,9 @@ def _carry_out(stage: Stage, loop: Loop, bench: Bench, sink: Sink) -> None:
         case Rest():
             settle(loop, loop.target_rad, stage.settle)
         case Flap():
-            sink.flap(stage, flap(loop, stage))
+            sink.flap(stage, flap(loop, stage, sink))
         case Hold():
-            sink.hold(stage, hold(loop, stage))
+            sink.hold(stage, hold(loop, stage, sink, bench.camera))
 
 
 def _change_height(stage: SetHeight, loop: Loop, bench: Bench) -> None:

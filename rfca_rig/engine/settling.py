@@ -15,7 +15,8 @@ def settle(loop: Loop, target_rad: float, criterion: SettleCriterion) -> bool:
     """Holds the shaft until the criterion is met; False where its time limit came first."""
     per_mean = round(MEAN_S / PERIOD_S)
     means: deque[np.ndarray] = deque(maxlen=max(2, round(criterion.for_s / MEAN_S)))
-    for _ in range(round(criterion.limit_s / MEAN_S)):
+    began_s = loop.now_s
+    while loop.now_s - began_s < criterion.limit_s - 0.5 * MEAN_S:
         ticks = []
         for _ in range(per_mean):
             loop.to_angle(target_rad, 0.0, PERIOD_S)

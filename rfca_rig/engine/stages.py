@@ -2,33 +2,18 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
-import numpy as np
-
-from rfca_rig.drivers.roles import ForceSamples, ShaftSamples
+from rfca_rig.drivers.roles import Photographer
+from rfca_rig.engine.exposure import Exposure
 from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.settling import PERIOD_S as HOLD_PERIOD_S
 from rfca_rig.engine.settling import settle
+from rfca_rig.engine.sink import Recorded, Sink
 from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Flap, Hold, MoveShaft, way_to
 
 TICK_S = 0.002
 MOVE_TICK_S = 0.005
 SLACK = 1e-3  # of a tick: rounding must not make one out of two
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """What a stage recorded, as the devices gave it. `start_s` is the host time of the commanded start.
-
-    `turns_rad` is what to take off the continuous shaft angle to be within one turn of the stage's own angles.
-    """
-
-    shaft: ShaftSamples
-    force: ForceSamples
-    start_s: float
-    turns_rad: float
-    settled: bool
 
 
 def move(loop: Loop, stage: MoveShaft) -> None:
@@ -55,14 +40,16 @@ def _trapezoid(x: float, ramp: float) -> tuple[float, float]:
     return top * (x - 0.5 * ramp), top
 
 
-def flap(loop: Loop, stage: Flap) -> Recorded:
+def flap(loop: Loop, stage: Flap, sink: Sink) -> Recorded:
     """Holds, ramps to speed, sweeps, and stops in the air; records until the end of the sweep."""
     turns_rad = TURN_RAD * round(loop.target_rad / TURN_RAD)
     hold_rad = loop.target_rad
-    with loop.recorded() as tap:
+    sink.begin(stage)
+    with loop.recorded(sink.take) as tap:
         for _ in range(round(stage.before_s / TICK_S)):
             loop.to_angle(hold_rad, 0.0, TICK_S)
         start_s = loop.now_s
+        sink.start(start_s, turns_rad)
         for k in _ticks(loop, math.ceil(stage.stroke_s / TICK_S)):
             # a command stands for a whole tick, so it takes the speed of the tick's middle
             loop.at_speed(stage.speed_rad_s * min((k + 0.5) * TICK_S / stage.ramp_s, 1.0), TICK_S)
@@ -79,12 +66,23 @@ def _ticks(loop: Loop, count: int) -> Iterator[int]:
         yield k
 
 
-def hold(loop: Loop, stage: Hold) -> Recorded:
-    """Waits until settled, then records for the averaging time."""
-    target_rad = loop.target_rad
+def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None) -> Recorded:
+    """Waits until settled and for the dwell, then records for the averaging time while the photo is taken; the shaft is held all along."""
+    target_rad, timing = loop.target_rad, stage.timing
     settled = settle(loop, target_rad, stage.settle)
+    _stand(loop, target_rad, timing.dwell_s)
     start_s = loop.now_s
-    with loop.recorded() as tap:
-        for _ in range(math.ceil(stage.average_s / HOLD_PERIOD_S)):
-            loop.to_angle(target_rad, 0.0, HOLD_PERIOD_S)
-    return Recorded(tap.shaft(), tap.force(), start_s, TURN_RAD * np.round((target_rad - stage.angle_rad) / TURN_RAD), settled)
+    turns_rad = TURN_RAD * round((target_rad - stage.angle_rad) / TURN_RAD)
+    sink.begin(stage)
+    sink.start(start_s, turns_rad)
+    exposure = Exposure(camera if timing.photo_limit_s > 0 else None, loop.now_s, timing.photo_limit_s)
+    with loop.recorded(sink.take) as tap:
+        _stand(loop, target_rad, timing.average_s)
+    while exposure.is_under_way(loop.now_s):
+        loop.to_angle(target_rad, 0.0, HOLD_PERIOD_S)
+    return Recorded(tap.shaft(), tap.force(), start_s, turns_rad, settled, exposure.photo, exposure.fault)
+
+
+def _stand(loop: Loop, target_rad: float, duration_s: float) -> None:
+    for _ in range(math.ceil(duration_s / HOLD_PERIOD_S)):
+        loop.to_angle(target_rad, 0.0, HOLD_PERIOD_S)

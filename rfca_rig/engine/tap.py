@@ -1,32 +1,28 @@
 """Collects what the devices report while a stage is recorded."""
 
-import numpy as np
+from collections.abc import Callable
 
 from rfca_rig.drivers.blocks import join
 from rfca_rig.drivers.roles import ForceSamples, ShaftSamples
 
+Listener = Callable[[ShaftSamples, ForceSamples], None]
+
 
 class Tap:
-    """Open while a stage runs; holds every block as it came."""
+    """Open while a stage runs; holds every block as it came, and hands it on."""
 
-    def __init__(self) -> None:
+    def __init__(self, listener: Listener) -> None:
+        self._listener = listener
         self._shaft: list[ShaftSamples] = []
         self._force: list[ForceSamples] = []
 
     def take(self, shaft: ShaftSamples, force: ForceSamples) -> None:
         self._shaft.append(shaft)
         self._force.append(force)
+        self._listener(shaft, force)
 
     def shaft(self) -> ShaftSamples:
         return join(self._shaft)
 
     def force(self) -> ForceSamples:
         return join(self._force)
-
-
-def host_offset_s(host_s: np.ndarray, device_s: np.ndarray) -> float:
-    """What to add to a device's own time to get the host's: the least delay seen is nearest to none.
-
-    Bias: late by the shortest way from device to host, which is well below a millisecond on CAN and on a local network.
-    """
-    return float(np.min(host_s - device_s))

@@ -21,15 +21,18 @@ class Load:
         return Load(max(self.force_N, other.force_N), max(self.torque_Nm, other.torque_Nm))
 
 
-def check_plan(plan: Plan, expected: Mapping[Stage, Load]) -> None:
-    """Raises BadInput, naming the stage, where the plan passes a limit. `expected` is the load of a stage, where known."""
+def check_plan(plan: Plan, expected: Mapping[Stage, Load], supposing: str = "") -> None:
+    """Raises BadInput, naming the stage, where the plan passes a limit.
+
+    `expected` is the load of a stage, where known; `supposing` says, for the message, what else than the believed it supposes.
+    """
     if not plan.flaps and not plan.holds:
         raise BadInput(f"{plan.title}: nothing to record; give at least one condition, or one shaft angle")
     for stage in plan.stages:
         _check_speed(stage, plan)
         _check_angle(stage)
         if stage in expected:
-            _check_load(stage, plan, expected[stage])
+            _check_load(stage, plan, expected[stage], supposing)
 
 
 def _check_speed(stage: Stage, plan: Plan) -> None:
@@ -45,10 +48,11 @@ def _check_angle(stage: Stage) -> None:
         raise BadInput(f"{stage.label}: static shaft angles lie between 0 and 180 degrees; beyond, the leg leaves the ground")
 
 
-def _check_load(stage: Stage, plan: Plan, expected: Load) -> None:
+def _check_load(stage: Stage, plan: Plan, expected: Load, supposing: str) -> None:
     limits = plan.limits
     if expected.force_N > limits.force_N or expected.torque_Nm > limits.torque_Nm:
+        way_out = "go slower" if isinstance(stage, Flap) else "turn the shaft back less: a bent leg that is pushed back wedges"
         raise BadInput(
-            f"{stage.label}: the model expects {expected.force_N:.0f} N and {expected.torque_Nm:.1f} N m, the rig's limits are "
-            f"{limits.force_N:g} N and {limits.torque_Nm:g} N m; raise the rack or go slower, or raise [limits] if the rig can take it"
+            f"{stage.label}: the model expects {expected.force_N:.0f} N and {expected.torque_Nm:.1f} N m{supposing}, the rig's limits "
+            f"are {limits.force_N:g} N and {limits.torque_Nm:g} N m; raise the rack or {way_out}, or raise [limits] if the rig can take it"
         )

@@ -4,7 +4,20 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from rfca_rig.protocol.plan import Direction, Flap, Hold, Limits, MoveShaft, Plan, Rates, Rest, SetHeight, SettleCriterion, Stage
+from rfca_rig.protocol.plan import (
+    Direction,
+    Flap,
+    Hold,
+    HoldTiming,
+    Limits,
+    MoveShaft,
+    Plan,
+    Rates,
+    Rest,
+    SetHeight,
+    SettleCriterion,
+    Stage,
+)
 
 
 @dataclass(frozen=True)
@@ -29,7 +42,10 @@ class Flapping:
 
 @dataclass(frozen=True)
 class StaticStages:
-    """Shaft angles to go through at each height, each with its direction of loading."""
+    """Shaft angles to go through at each height, each with its direction of loading.
+
+    `dwell_s` is waited once the leg has settled, `average_s` measured; `photo` asks for one at every stage of a rig with a camera.
+    """
 
     title: str
     heights_m: Sequence[float]
@@ -37,17 +53,23 @@ class StaticStages:
     move_speed_rad_s: float
     settle: SettleCriterion
     average_s: float
+    dwell_s: float = 0.0
+    photo: bool = True
 
 
 @dataclass(frozen=True)
 class RigFacts:
-    """What a plan needs to know of the rig: where strokes start, where the shaft waits, ramp, limits, rates."""
+    """What a plan needs to know of the rig: where strokes start, where the shaft waits, ramp, limits, rates.
+
+    `photo_limit_s` is how long a photo may take; 0 without a camera.
+    """
 
     start_angle_rad: float
     parked_angle_rad: float
     ramp_s: float
     limits: Limits
     rates: Rates
+    photo_limit_s: float = 0.0
 
 
 def flapping_plan(experiment: Flapping, rig: RigFacts) -> Plan:
@@ -75,12 +97,13 @@ def static_plan(experiment: StaticStages, rig: RigFacts) -> Plan:
 
 def _static_stages(experiment: StaticStages, rig: RigFacts) -> Iterator[Stage]:
     speed = experiment.move_speed_rad_s
+    timing = HoldTiming(experiment.dwell_s, experiment.average_s, rig.photo_limit_s if experiment.photo else 0.0)
     for height_m in experiment.heights_m:
         yield SetHeight(height_m)
         yield MoveShaft(rig.start_angle_rad, speed)
         for number, (angle_rad, direction) in enumerate(experiment.angles_rad, start=1):
             yield MoveShaft(angle_rad, speed)
-            yield Hold(height_m, number, direction, angle_rad, experiment.settle, experiment.average_s)
+            yield Hold(height_m, number, direction, angle_rad, experiment.settle, timing)
         # on, never back: a bent leg that is pushed backwards wedges between shaft and floor, and the force passes every limit
         yield MoveShaft(rig.start_angle_rad, speed, forwards=True)
         yield MoveShaft(rig.parked_angle_rad, speed)

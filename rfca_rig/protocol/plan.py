@@ -139,15 +139,31 @@ STOPPING_S = 0.2
 
 
 @dataclass(frozen=True)
+class HoldTiming:
+    """What a hold does once the leg has settled: waits `dwell_s` more, measures for `average_s`, meanwhile has a photo taken.
+
+    A photo that has not come `photo_limit_s` after it was asked for is done without; 0 asks for none.
+    """
+
+    dwell_s: float
+    average_s: float
+    photo_limit_s: float = 0.0
+
+    @property
+    def duration_s(self) -> float:
+        return self.dwell_s + max(self.average_s, self.photo_limit_s)
+
+
+@dataclass(frozen=True)
 class Hold:
-    """One recorded stage of the static experiment: the shaft stands until settled, then means are taken over `average_s`."""
+    """One recorded stage of the static experiment: the shaft stands until settled, then means are taken, and a photo."""
 
     height_m: float
     number: int
     direction: Direction
     angle_rad: float
     settle: SettleCriterion
-    average_s: float
+    timing: HoldTiming
 
     @property
     def label(self) -> str:
@@ -155,11 +171,11 @@ class Hold:
 
     @property
     def recorded_s(self) -> float:
-        return self.average_s
+        return self.timing.average_s
 
     @property
     def duration_s(self) -> float:
-        return self.settle.limit_s + self.average_s
+        return self.settle.limit_s + self.timing.duration_s
 
 
 @dataclass(frozen=True)
@@ -202,3 +218,8 @@ class Plan:
     @property
     def holds(self) -> list[Hold]:
         return [stage for stage in self.stages if isinstance(stage, Hold)]
+
+    @property
+    def photos(self) -> int:
+        """How many are to be taken."""
+        return sum(hold.timing.photo_limit_s > 0 for hold in self.holds)

@@ -1,33 +1,60 @@
-"""Files that are either there and whole, or not there: written beside the target, forced to disk, then renamed."""
+"""Files that are either there and whole, or not there: written beside the target, forced to disk, then renamed.
 
+Whatever is recorded reaches the disk through the functions of this file and through no others.
+"""
+
+import errno
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from rfca_rig.errors import RigError
+from rfca_rig.errors import DiskFull, RigError
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_BINARY = getattr(os, "O_BINARY", 0)
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Puts `content` at `path`; what stood there stays until the new file is on disk. Raises RigError when the disk refuses.
+    """Puts `content` at `path`; what stood there stays until the new file is on disk.
 
-    Beside the target, because a rename is atomic only within one file system.
+    Beside the target, because a rename is atomic only within one file system. Raises RigError when the disk refuses, DiskFull where
+    that is because it is full.
     """
     partial = path.with_name(path.name + ".writing")
+    with refusals(path, f"{1e-6 * len(content):.1f} MB cannot be written"):
+        try:
+            _write(partial, content)
+            os.replace(partial, path)  # noqa: PTH105
+            sync_folder(path.parent)
+        finally:
+            with suppress(FileNotFoundError):
+                os.unlink(partial)  # noqa: PTH108
+
+
+@contextmanager
+def refusals(path: Path, what: str) -> Iterator[None]:
+    """What the system refuses inside the block, as an error in one line."""
     try:
-        _write(partial, content)
-        partial.replace(path)
-        sync_folder(path.parent)
+        yield
     except OSError as error:
-        raise RigError(f"{path}: {1e-6 * len(content):.1f} MB cannot be written: {error.strerror}") from None
-    finally:
-        partial.unlink(missing_ok=True)
+        kind = DiskFull if error.errno in _FULL else RigError
+        raise kind(f"{path}: {what}: {error.strerror}") from None
 
 
 def _write(path: Path, content: bytes) -> None:
-    with path.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | _BINARY, 0o666)
+    try:
+        _put(handle, content)
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _put(handle: int, content: bytes) -> None:
+    rest = memoryview(content)
+    while rest:
+        rest = rest[os.write(handle, rest) :]
 
 
 def sync_folder(folder: Path) -> None:
@@ -39,6 +66,55 @@ def sync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def remove(path: Path) -> None:
+    """Takes a file away; nothing happens where there is none."""
+    with refusals(path, "cannot be removed"), suppress(FileNotFoundError):
+        os.unlink(path)  # noqa: PTH108
+
+
+class GrowingFile:
+    """A file that only ever grows; what `append` has returned from survives this process, what `force` has, a power cut."""
+
+    def __init__(self, path: Path) -> None:
+        """Goes on behind what is there."""
+        self.path = path
+        with refusals(path, "cannot be opened"):
+            self.handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | _BINARY, 0o666)
+            self._length = os.fstat(self.handle).st_size
+
+    def append(self, content: bytes) -> None:
+        """All of it, or nothing: what the disk refused half is cut off again. Raises RigError, DiskFull."""
+        with refusals(self.path, f"{1e-6 * len(content):.1f} MB cannot be added"):
+            try:
+                _put(self.handle, content)
+            except OSError:
+                os.ftruncate(self.handle, self._length)
+                raise
+        self._length += len(content)
+
+    def cut_to(self, length: int) -> None:
+        """Drops what stands behind that many bytes."""
+        with refusals(self.path, "cannot be cut"):
+            os.ftruncate(self.handle, length)
+        self._length = length
+
+    def reserve(self, size: int) -> None:
+        """Takes room for that many bytes in all, which stay without meaning."""
+        with refusals(self.path, f"no room for {1e-6 * size:.1f} MB in reserve"):
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(self.handle, 0, size)
+            else:
+                _put(self.handle, bytes(size))
+
+    def force(self) -> None:
+        """Returns when everything is on disk."""
+        with refusals(self.path, "cannot be forced to disk"):
+            os.fsync(self.handle)
+
+    def close(self) -> None:
+        os.close(self.handle)
 
 
 def make_folder_atomically(folder: Path, fill: Callable[[Path], object]) -> None:
@@ -64,5 +140,8 @@ def make_folder_atomically(folder: Path, fill: Callable[[Path], object]) -> None
 def _remove(folder: Path) -> None:
     if folder.is_dir():
         for file in folder.iterdir():
-            file.unlink()
+            if file.is_dir():
+                _remove(file)
+            else:
+                file.unlink()
         folder.rmdir()

@@ -1,5 +1,6 @@
 """The one form every recording takes, whether a twin, a real rig or a file from elsewhere made it."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -54,9 +55,10 @@ class Stroke:
 
 @dataclass(frozen=True)
 class StaticStage:
-    """One settled stage of the static experiment: means after settling. `hinge_deg` (6,) is NaN where no camera looked.
+    """One settled stage of the static experiment: means after settling. `hinge_deg` (6,) is NaN where no camera looked, or could tell.
 
-    `settled` is None where the recording does not say.
+    `settled` is None where the recording does not say. `hinge_std_deg` (6,), one standard deviation of each hinge angle, is NaN where
+    unknown. `photo` and `overlay` are paths from the run's folder, `photo_doubts` what the photo did not tell; "" for none.
     """
 
     height_m: float
@@ -69,11 +71,32 @@ class StaticStage:
     tx_Nm: float
     std: Mapping[str, float] = field(default_factory=dict)
     settled: bool | None = None
+    hinge_std_deg: tuple[float, ...] = ()
+    photo: str = ""
+    overlay: str = ""
+    photo_doubts: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.hinge_std_deg:
+            object.__setattr__(self, "hinge_std_deg", (math.nan,) * len(self.hinge_deg))
+
+
+@dataclass(frozen=True)
+class RawStage:
+    """What the devices gave during a stage that is no stroke: behind the means of a static stage, or until a stage was cut short.
+
+    `cut_short` says why, "" for a whole one. Times count from the commanded start, or from the first sample where that never came.
+    """
+
+    label: str
+    height_m: float
+    streams: Mapping[str, Stream]
+    cut_short: str = ""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Everything one run or one campaign recorded.
+    """Everything one run or one campaign recorded. Analyses take `strokes` and `static`; `raw` is for whoever looks closer.
 
     `believed` holds the sections leg, ground, sensor, drive of the model as it was believed, `known_to` one standard deviation
     of each believed value, both as plain data in the file's own units. `provenance` is text by name (versions, seed, plan ...).
@@ -86,3 +109,4 @@ class Recording:
     strokes: tuple[Stroke, ...]
     static: tuple[StaticStage, ...]
     provenance: Mapping[str, str] = field(default_factory=dict)
+    raw: tuple[RawStage, ...] = ()

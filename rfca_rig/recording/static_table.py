@@ -16,6 +16,7 @@ GROUP = "static"
 DIRECTION_BYTES = 16
 
 _SETTLED = {None: -1, False: 0, True: 1}
+_TEXTS = ("photo", "overlay", "photo_doubts")  # utf-8; files from before there were cameras have none
 _PLAIN = {"shaft_angle_rad": "rad", "fy_N": "N", "fz_N": "N", "tx_Nm": "N m"}
 
 
@@ -26,6 +27,8 @@ def write_static(parent: h5py.Group, stages: Sequence[StaticStage]) -> None:
     group = parent.create_group(GROUP)
     directions = np.array([stage.direction.encode() for stage in stages], dtype=f"S{DIRECTION_BYTES}")
     group.create_dataset("direction", data=directions, track_times=False)
+    for name in _TEXTS:
+        group.create_dataset(name, data=np.array([getattr(stage, name).encode() for stage in stages]), track_times=False)
     for name, column in _columns(stages).items():
         write_column(group, name, column)
     group.attrs["hinges"] = len(stages[0].hinge_deg)
@@ -34,11 +37,13 @@ def write_static(parent: h5py.Group, stages: Sequence[StaticStage]) -> None:
 
 def _columns(stages: Sequence[StaticStage]) -> dict[str, Column]:
     hinges = np.array([stage.hinge_deg for stage in stages], dtype=np.float64).reshape(len(stages), -1)
+    stds = np.array([stage.hinge_std_deg for stage in stages], dtype=np.float64).reshape(hinges.shape)
     return {
         "height_mm": _floats([height_mm(stage.height_m) for stage in stages], "mm"),
         "stage": Column(np.array([stage.stage for stage in stages], dtype=np.int64), ""),
         **{name: _floats([getattr(stage, name) for stage in stages], unit) for name, unit in _PLAIN.items()},
-        **{f"hinge{i}_deg": _floats(angles, "deg") for i, angles in enumerate(hinges.T, start=2)},
+        **{name: _floats(angles, "deg") for name, angles in zip(_hinge_names(hinges.shape[1]), hinges.T, strict=True)},
+        **{name: _floats(angles, "deg") for name, angles in zip(_hinge_std_names(hinges.shape[1]), stds.T, strict=True)},
         **{f"std_{name}": _floats([stage.std.get(name, math.nan) for stage in stages], "") for name in _std_names(stages)},
         "settled": Column(np.array([_SETTLED[stage.settled] for stage in stages], dtype=np.int8), ""),
     }
@@ -46,6 +51,14 @@ def _columns(stages: Sequence[StaticStage]) -> dict[str, Column]:
 
 def _floats(values: Any, unit: str) -> Column:
     return Column(np.array(values, dtype=np.float64), unit)
+
+
+def _hinge_names(hinges: int) -> list[str]:
+    return [f"hinge{i}_deg" for i in range(2, 2 + hinges)]
+
+
+def _hinge_std_names(hinges: int) -> list[str]:
+    return [f"hinge{i}_std_deg" for i in range(2, 2 + hinges)]
 
 
 def _std_names(stages: Sequence[StaticStage]) -> list[str]:
@@ -57,24 +70,27 @@ def read_static(parent: h5py.Group) -> tuple[StaticStage, ...]:
     if GROUP not in parent:
         return ()
     group = parent[GROUP]
-    hinges = [f"hinge{i}_deg" for i in range(2, 2 + int(group.attrs["hinges"]))]
+    hinges = int(group.attrs["hinges"])
     std = json.loads(group.attrs["std"])
-    names = ["height_mm", "stage", *_PLAIN, *hinges, *(f"std_{name}" for name in std), "settled"]
+    believed = [name for name in _hinge_std_names(hinges) if name in group]
+    names = ["height_mm", "stage", *_PLAIN, *_hinge_names(hinges), *believed, *(f"std_{name}" for name in std), "settled"]
     columns = {name: read_column(group, name).raw.tolist() for name in names}
-    directions = [text.decode() for text in group["direction"][:].tolist()]
-    rows = zip(*columns.values(), strict=True)
-    return tuple(_stage(dict(zip(names, row, strict=True)), way, hinges, std) for row, way in zip(rows, directions, strict=True))
+    texts = {name: [text.decode() for text in group[name][:].tolist()] for name in ("direction", *_TEXTS) if name in group}
+    rows = zip(*columns.values(), *texts.values(), strict=True)
+    return tuple(_stage(dict(zip((*columns, *texts), row, strict=True)), hinges, std) for row in rows)
 
 
-def _stage(row: dict[str, Any], direction: str, hinges: Sequence[str], std: Sequence[str]) -> StaticStage:
-    if direction not in ("loading", "unloading"):
-        raise ValueError(f"direction {direction!r} is neither loading nor unloading")
+def _stage(row: dict[str, Any], hinges: int, std: Sequence[str]) -> StaticStage:
+    if row["direction"] not in ("loading", "unloading"):
+        raise ValueError(f"direction {row['direction']!r} is neither loading nor unloading")
     return StaticStage(
         height_m=row["height_mm"] / 1e3,
         stage=row["stage"],
-        direction=cast(Direction, direction),
-        hinge_deg=tuple(row[name] for name in hinges),
+        direction=cast(Direction, row["direction"]),
+        hinge_deg=tuple(row[name] for name in _hinge_names(hinges)),
+        hinge_std_deg=tuple(row.get(name, math.nan) for name in _hinge_std_names(hinges)),
         std={name: row[f"std_{name}"] for name in std if not math.isnan(row[f"std_{name}"])},
         settled=None if row["settled"] < 0 else bool(row["settled"]),
         **{name: row[name] for name in _PLAIN},
+        **{name: row.get(name, "") for name in _TEXTS},
     )

@@ -6,6 +6,7 @@
     /provenance  JSON text: text by name
     /strokes/001 attributes height_mm, speed_rad_s, repeat; a group per stream, see `strokes`
     /static      a column per quantity, a row per stage, see `static_table`
+    /raw/001     samples of stages that are no strokes, see `raw_stages`
 
 The file is put together in memory and reaches the disk by plain writes. A full disk is then an ordinary error; HDF5 that meets
 one while closing a file can take the whole process down when it exits (h5py issue 914). Behind the end stands a `seal`.
@@ -20,8 +21,11 @@ from typing import Any, cast
 import h5py
 
 from rfca_rig.errors import BadInput
+from rfca_rig.recording import nexus
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.form import Recording, Source
+from rfca_rig.recording.raw_stages import GROUP as RAW
+from rfca_rig.recording.raw_stages import read_raw_stages, write_raw_stages
 from rfca_rig.recording.seal import is_broken, sealed
 from rfca_rig.recording.static_table import read_static, write_static
 from rfca_rig.recording.strokes import read_strokes, write_strokes
@@ -45,11 +49,13 @@ def image_of(recording: Recording) -> bytes:
         file.attrs["format"] = FORMAT
         file.attrs["title"] = recording.title
         file.attrs["source"] = recording.source
+        nexus.mark_root(file, "strokes" if recording.strokes or not recording.raw else RAW)
         _write_text(file, "believed", recording.believed)
         _write_text(file, "known_to", recording.known_to)
         _write_text(file, "provenance", recording.provenance)
         write_strokes(file, recording.strokes, recording.source)
         write_static(file, recording.static)
+        write_raw_stages(file, recording.raw, recording.source)
         file.flush()
         return sealed(file.id.get_file_image())
 
@@ -66,6 +72,7 @@ def read_recording(path: Path) -> Recording:
             strokes=read_strokes(file, source),
             static=read_static(file),
             provenance=_read_text(file, "provenance"),
+            raw=read_raw_stages(file, source),
         )
 
 

@@ -5,10 +5,11 @@ how xarray, MATLAB and HDFView find the axis.
 """
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import h5py
 
+from rfca_rig.recording import nexus
 from rfca_rig.recording.columns import link, read_column, write_column
 from rfca_rig.recording.form import Column, Source, Stream, Stroke
 
@@ -18,6 +19,7 @@ TIME = "t_s"
 def write_strokes(parent: h5py.Group, strokes: Iterable[Stroke], source: Source) -> None:
     """strokes/001, strokes/002 ... in the order given."""
     group = parent.create_group("strokes")
+    nexus.mark_entry(group)
     for number, stroke in enumerate(strokes, start=1):
         write_stroke(group.create_group(f"{number:03d}"), stroke, source)
 
@@ -33,21 +35,33 @@ def write_stroke(group: h5py.Group, stroke: Stroke, source: Source) -> None:
     group.attrs["height_mm"] = height_mm(stroke.height_m)
     group.attrs["speed_rad_s"] = stroke.speed_rad_s
     group.attrs["repeat"] = stroke.repeat
-    group.attrs["order"] = json.dumps(list(stroke.streams))
-    for name, stream in stroke.streams.items():
+    write_streams(group, stroke.streams, source)
+
+
+def write_streams(group: h5py.Group, streams: Mapping[str, Stream], source: Source) -> None:
+    """A group per stream, and their order."""
+    group.attrs["order"] = json.dumps(list(streams))
+    nexus.mark_stage(group, list(streams))
+    for name, stream in streams.items():
         _write_stream(group.create_group(link(name)), stream, source)
 
 
 def read_stroke(group: h5py.Group, source: Source) -> Stroke:
     """The stroke in the group. Raises ValueError where one of its streams is not of the recording's source."""
-    streams = {name: _read_stream(group[link(name)], source) for name in json.loads(group.attrs["order"])}
     attributes = group.attrs
-    return Stroke(float(attributes["height_mm"]) / 1e3, float(attributes["speed_rad_s"]), int(attributes["repeat"]), streams)
+    height_m, speed_rad_s = float(attributes["height_mm"]) / 1e3, float(attributes["speed_rad_s"])
+    return Stroke(height_m, speed_rad_s, int(attributes["repeat"]), read_streams(group, source))
+
+
+def read_streams(group: h5py.Group, source: Source) -> dict[str, Stream]:
+    """The streams in their order. Raises ValueError where one is not of the recording's source."""
+    return {name: _read_stream(group[link(name)], source) for name in json.loads(group.attrs["order"])}
 
 
 def _write_stream(group: h5py.Group, stream: Stream, source: Source) -> None:
     group.attrs["source"] = source
     group.attrs["order"] = json.dumps(list(stream.columns))
+    nexus.mark_stream(group, list(stream.columns), TIME)
     time = write_column(group, TIME, Column(stream.t_s, "s"))
     time.make_scale(TIME)
     for name, column in stream.columns.items():

@@ -68,8 +68,8 @@ def _check(plan: MarkPlan, links: int, hidden_mark: int | None) -> None:
 
 
 def _hinges(q_rad: Floats, link_lengths_m: Floats) -> Floats:
-    """(n + 1, 2): the shaft axis, each hinge, the tip, as (y, z), z downwards."""
-    steps = link_lengths_m[:, None] * np.column_stack([np.cos(q_rad), np.sin(q_rad)])
+    """(n + 1, 2): the shaft axis, each hinge, the tip, as (y, z), z up."""
+    steps = link_lengths_m[:, None] * np.column_stack([np.cos(q_rad), -np.sin(q_rad)])
     return np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
 
 
@@ -116,7 +116,7 @@ def _mark_centres(hinges_m: Floats, plan: MarkPlan) -> Floats:
     for at, mark in enumerate(plan.marks):
         link_m = hinges_m[mark.link] - hinges_m[mark.link - 1]
         along = link_m / np.hypot(*link_m)
-        centres[at] = hinges_m[mark.link - 1] + mark.along_m * along + mark.across_m * np.array([-along[1], along[0]])
+        centres[at] = hinges_m[mark.link - 1] + mark.along_m * along + mark.across_m * np.array([along[1], -along[0]])
     return centres
 
 
@@ -158,15 +158,15 @@ def _paint_plate(
     """The plate's upper face as far as the camera looks down on it, the leg mirrored in it, and its front edge."""
     toward = _toward_camera(camera)
     along = np.linspace(-0.15, 0.45, 40)
-    front = np.column_stack([np.full(40, 0.1 * toward), along, np.full(40, depth_m)])
-    back = np.column_stack([np.full(40, -0.1 * toward), along, np.full(40, depth_m)])
+    front = np.column_stack([np.full(40, 0.1 * toward), along, np.full(40, -depth_m)])
+    back = np.column_stack([np.full(40, -0.1 * toward), along, np.full(40, -depth_m)])
     face_px = camera.project(np.vstack([front, back[::-1]]))
-    edge_px = camera.project(np.vstack([front, front[::-1] + np.array([0.0, 0.0, 0.01])]))
+    edge_px = camera.project(np.vstack([front, front[::-1] - np.array([0.0, 0.0, 0.01])]))
     paint(scene, face_px, PLATE)
     covered = covered_share(scene.shape[:2], face_px)
     if reflection > 0.0 and covered is not None and _above(camera, depth_m):
         mirrored = scene.copy()
-        below_m = np.column_stack([hinges_m[:, 0], 2.0 * depth_m - hinges_m[:, 1]])
+        below_m = np.column_stack([hinges_m[:, 0], -2.0 * depth_m - hinges_m[:, 1]])
         _paint_shells(mirrored, below_m, shades, camera)
         _paint_marks(mirrored, below_m, plan, camera)
         rows, columns, share = covered
@@ -176,7 +176,7 @@ def _paint_plate(
 
 def _above(camera: CameraModel, depth_m: float) -> bool:
     """Whether the camera looks onto the plate's upper face."""
-    return bool(-(camera.rotation.T @ camera.translation_m)[2] < depth_m)
+    return bool(-(camera.rotation.T @ camera.translation_m)[2] > -depth_m)
 
 
 def _paint_frame(

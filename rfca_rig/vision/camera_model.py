@@ -1,7 +1,7 @@
 """How a camera sees the plane of motion: pinhole, lens distortion, and where the camera stands.
 
-Plane frame: the shaft axis is the origin, y runs along the ground, z downwards in the plane of motion, x completes the right-handed frame.
-A link at the absolute angle a (from +y, positive downwards) therefore ends at (y, z) = (L cos a, L sin a). The plane meant is
+Plane frame: the shaft axis is the origin, y runs along the ground, z up in the plane of motion, x completes the right-handed frame.
+A link at the absolute angle a (from +y, positive downwards) therefore ends at (y, z) = (L cos a, -L sin a). The plane meant is
 the one the marks lie in. Camera frame and distortion as OpenCV has them: x right, y down, z along the view; coefficients k1, k2, p1, p2, k3
 (Brown 1966; OpenCV, "Camera Calibration and 3D Reconstruction").
 """

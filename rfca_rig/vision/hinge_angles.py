@@ -120,8 +120,8 @@ def _slopes(mark: PlannedMark, angles: Floats, stretch: Floats, lengths_m: Float
     across = np.zeros_like(along)
     along[mark.link - 1], across[mark.link - 1] = mark.along_m, mark.across_m
     cos, sin = np.cos(angles), np.sin(angles)
-    by_angle = np.stack([-along * stretch * sin - across * cos, along * stretch * cos - across * sin])
-    return np.concatenate([by_angle, np.eye(2), np.stack([along * cos, along * sin])], axis=1)
+    by_angle = np.stack([-along * stretch * sin - across * cos, -along * stretch * cos + across * sin])
+    return np.concatenate([by_angle, np.eye(2), np.stack([along * cos, -along * sin])], axis=1)
 
 
 def _start(seen: _Seen, plan: MarkPlan, lengths_m: Floats) -> Floats:
@@ -135,10 +135,10 @@ def _start(seen: _Seen, plan: MarkPlan, lengths_m: Floats) -> Floats:
             mark = plan.marks[seen.planned[target]]
             bearing = np.arctan2(mark.across_m, mark.along_m) if mark.link == link else 0.0
             towards = seen.places_m[target] - hinge
-            turn = float(np.arctan2(towards[1], towards[0])) - bearing - angle
+            turn = float(np.arctan2(-towards[1], towards[0])) - bearing - angle
             angle += float(np.arctan2(np.sin(turn), np.cos(turn)))
         angles.append(angle)
-        hinge = hinge + lengths_m[link - 1] * np.array([np.cos(angle), np.sin(angle)])
+        hinge = hinge + lengths_m[link - 1] * np.array([np.cos(angle), -np.sin(angle)])
     return np.array(angles)
 
 

@@ -53,7 +53,7 @@ class MarkPlan:
 
 
 def mark_positions(link_angles_rad: ArrayLike, link_lengths_m: ArrayLike, plan: MarkPlan) -> Floats:
-    """Centres (..., marks, 2) (y, z) in metres of the planned marks of a leg with absolute link angles (..., links), z downwards.
+    """Centres (..., marks, 2) (y, z) in metres of the planned marks of a leg with absolute link angles (..., links), z up.
 
     Raises BadInput where the plan names a link that the leg does not have.
     """
@@ -61,8 +61,8 @@ def mark_positions(link_angles_rad: ArrayLike, link_lengths_m: ArrayLike, plan: 
     links = np.array([mark.link for mark in plan.marks]) - 1
     if links.max() >= lengths.shape[-1]:
         raise BadInput(f"marks: the plan names link {links.max() + 1}, the leg has {lengths.shape[-1]} links")
-    outwards = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    sideways = np.stack([-np.sin(angles), np.cos(angles)], axis=-1)
+    outwards = np.stack([np.cos(angles), -np.sin(angles)], axis=-1)
+    sideways = np.stack([-np.sin(angles), -np.cos(angles)], axis=-1)
     ends = np.cumsum(outwards * lengths[..., None], axis=-2)
     hinges = np.concatenate([np.zeros_like(ends[..., :1, :]), ends[..., :-1, :]], axis=-2)
     along = np.array([[mark.along_m] for mark in plan.marks])

@@ -19,7 +19,7 @@ FAR_OFF_PX = 1.5  # an error of the plane's photo beyond that is none of the cam
 
 @dataclass(frozen=True)
 class BoardPlace:
-    """How the board was held: `corner_m` (y, z) of its upper left corner seen from the shaft axis, z downwards.
+    """How the board was held: `corner_m` (y, z) of its upper left corner seen from the shaft axis, z up.
 
     `reach` is the side of the picture to which +y points, the side the leg reaches out to. `turned_rad` is the angle of the
     board's upper edge from the horizontal, positive clockwise in the picture. `nearer_m` is how much nearer to the camera than
@@ -80,9 +80,9 @@ def _plane_on_board(place: BoardPlace) -> tuple[Floats, Floats]:
     """The plane's axes x, y, z as columns in the board's frame (right, down, away from the camera), and where its origin lies there."""
     cosine, sine = np.cos(place.turned_rad), np.sin(place.turned_rad)
     level = np.array([cosine, -sine, 0.0])  # a board turned clockwise sees the horizontal turned the other way
-    down = np.array([sine, cosine, 0.0])
+    up = np.array([-sine, -cosine, 0.0])
     along = level if place.reach == "right" else -level
-    axes = np.column_stack([np.cross(along, down), along, down])
+    axes = np.column_stack([np.cross(along, up), along, up])
     behind = np.array([0.0, 0.0, place.nearer_m])
     return axes, behind - axes[:, 1] * place.corner_m[0] - axes[:, 2] * place.corner_m[1]
 

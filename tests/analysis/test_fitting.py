@@ -311,7 +311,7 @@ def test_valleys_alone_are_fitted():
 
 
 def test_the_fitted_model_is_read_back_as_it_was_written(tmp_path):
-    space = space_of(("k0", "mass", "friction", "start_angle", "height", "k2"), BELIEF, {**KNOWN_TO, "start_angle_deg": 0.3})
+    space = space_of(("k0", "mass", "friction", "start_angle", "height", "k2", "link_radius"), BELIEF, {**KNOWN_TO, "start_angle_deg": 0.3})
     toy = one_row(lambda s: np.array([(k0_of(s) - 11.4) / 0.1]))
     result = fit(toy, space, Search(start={"mass": 325.0, "start_angle": 13.3}))
     believed = {**SECTIONS, "sensor": {**SECTIONS["sensor"], "tared": 'without "the" leg\n'}}
@@ -329,9 +329,10 @@ def test_the_fitted_model_is_read_back_as_it_was_written(tmp_path):
     stds = {p.name: p for p in result.parameters}
     assert read.known_to.k0_relative == pytest.approx(stds["k0"].std / stds["k0"].value, rel=1e-5)
     assert read.known_to.friction_coefficient == pytest.approx(stds["friction"].std, rel=1e-5)
+    assert read.known_to.k2_relative == pytest.approx(stds["k2"].std / stds["k2"].value, rel=1e-5)
     assert read.known_to.hinge_damping_relative is None
     text = (tmp_path / "model.toml").read_text()
-    assert "The rack stood" in text and "k2 is known to" in text
+    assert "The rack stood" in text and "link_radius is known to" in text
 
 
 def test_effects_that_were_believed_stay_and_a_fitted_height_adds_to_a_believed_offset(tmp_path):

@@ -11,7 +11,6 @@ from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.form import Recording
-from rfca_rig.recording.store import read_recording
 from tests.engine.rigs import ROOT, nothing, one_condition, recorder_on
 
 MOTEUS = """
@@ -45,9 +44,9 @@ def rig_with(folder: Path, motor: str) -> RigFile:
 
 def run(folder: Path, motor: str) -> tuple[Recording, dict[str, str]]:
     rig = rig_with(folder, motor)
-    with recorder_on(rig, folder / "run.h5") as (bench, recorder, file):
+    with recorder_on(rig, folder / "run") as (bench, recorder, file):
         run_plan(one_condition(rig, speed_rad_s=SPEED_rad_s), bench, recorder, nothing)
-        return read_recording(file.finish()), bench.motor.identity()
+        return file.finish(), bench.motor.identity()
 
 
 @pytest.mark.parametrize(

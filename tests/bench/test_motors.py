@@ -50,7 +50,7 @@ def rig_with(folder: Path, motor: str) -> RigFile:
 )
 def test_a_plan_runs_on_the_twin_of_every_motor(tmp_path: Path, motor: str, make: str, rate_Hz: float) -> None:
     rig = rig_with(tmp_path, motor)
-    with recorder_on(rig, tmp_path / "run.h5") as (bench, recorder, _):
+    with recorder_on(rig, tmp_path / "run") as (bench, recorder, _):
         assert bench.motor.identity()["make"] == make
         run_plan(one_condition(rig), bench, recorder, nothing)
     (stroke,) = recorder.strokes

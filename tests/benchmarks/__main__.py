@@ -55,7 +55,7 @@ def _run(rounds: int) -> tuple[float, float]:
 
     def once() -> None:
         nonlocal rig_s
-        with tempfile.TemporaryDirectory() as folder, recorder_on(rig, Path(folder) / "run.h5") as (bench, recorder, _):
+        with tempfile.TemporaryDirectory() as folder, recorder_on(rig, Path(folder) / "run") as (bench, recorder, _):
             run_plan(one_condition(rig), bench, recorder, nothing)
             rig_s = bench.clock.now_s()
 

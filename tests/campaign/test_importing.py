@@ -9,11 +9,11 @@ from rfca_rig.campaign.opening import open_recordings, open_with_belief
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.recording import atomic
-from rfca_rig.recording.run_file import RunFile
 from rfca_rig.recording.store import write_recording
 from tests.campaign.small import SMALL
+from tests.recording.growing import grown
 from tests.recording.same import assert_same
-from tests.recording.samples import recording, stroke
+from tests.recording.samples import recording
 
 
 def test_an_imported_campaign_is_the_campaign(tmp_path: Path):
@@ -61,15 +61,15 @@ def test_recordings_open_from_folders_and_files_in_the_order_given(tmp_path: Pat
 
 
 def test_a_run_that_crashed_opens_with_what_it_had_and_says_so(tmp_path: Path):
-    run = RunFile.create(tmp_path / "run" / "run.h5", recording(0, 0))
-    run.add_stroke(stroke(1))
+    grown(tmp_path / "run", 1)
     (found,) = open_recordings([tmp_path / "run"])
     assert len(found.strokes) == 1
     assert found.provenance["interrupted"] == "the run ended without being finished, after 1 strokes and 0 static stages"
 
 
 def test_a_belief_that_makes_no_model_is_told_with_the_place_of_its_recording(tmp_path: Path):
-    RunFile.create(tmp_path / "run" / "run.h5", recording(1, 0)).finish()
+    (tmp_path / "run").mkdir()
+    write_recording(recording(1, 0), tmp_path / "run" / "run.h5")
     with pytest.raises(BadInput, match=rf"{tmp_path}/run: the believed model: .*missing"):
         open_with_belief([SMALL, tmp_path / "run"])
     assert len(open_with_belief([SMALL])) == 1

@@ -36,7 +36,7 @@ def call(monkeypatch, capsys, tmp_path):
 
 
 def test_from_photos_to_a_camera_before_the_plane(call, photos, tmp_path):
-    said = call(photos, "--plane", photos.parent / "plane.jpg", "--board-at", "20,-15", "--out", tmp_path / "camera.toml")
+    said = call(photos, "--plane", photos.parent / "plane.jpg", "--board-at", "20,15", "--out", tmp_path / "camera.toml")
     assert said.exit_code == 0, said.err
     assert "REAL cut.png: REFUSED, a PNG that is cut short" in said.err
     assert "REAL lens-cap.png: REFUSED, shows 0 of the board's 54 corners" in said.err
@@ -51,11 +51,11 @@ def test_from_photos_to_a_camera_before_the_plane(call, photos, tmp_path):
     assert all(0.0 < photo.reprojection_error_px < 0.2 for photo in file.photos)
     assert file.camera.focal_px == pytest.approx(SMALL.focal, rel=0.002)
     camera = file.model()
-    # a point 30 mm along and 40 mm below the board's upper left corner, which is held at (20, -15) mm
+    # a point 30 mm along and 40 mm below the board's upper left corner, which is held at (20, 15) mm
     on_board = PLANE[0] @ np.array([0.03, 0.04, 0.0]) + PLANE[1]
     seen_px = cv2.projectPoints(on_board[None], np.zeros(3), np.zeros(3), true_matrix(), np.array(SMALL.distortion))[0].ravel()
-    assert camera.project(np.array([0.05, 0.025])) == pytest.approx(seen_px, abs=0.2)
-    assert camera.on_plane(seen_px) == pytest.approx([0.05, 0.025], abs=2e-4)
+    assert camera.project(np.array([0.05, -0.025])) == pytest.approx(seen_px, abs=0.2)
+    assert camera.on_plane(seen_px) == pytest.approx([0.05, -0.025], abs=2e-4)
 
 
 def true_matrix():

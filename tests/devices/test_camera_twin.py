@@ -33,8 +33,8 @@ ALL = Disturbance(
 
 
 def straight_on(side: int = -1, distortion=(0.0,) * 5) -> CameraModel:
-    """Looks along the plane's normal from 0.8 m: from -x with +y to the right, from +x with +y to the left."""
-    rows = np.array([[0.0, -side, 0.0], [0.0, 0.0, 1.0], [-side, 0.0, 0.0]], dtype=np.float64)
+    """Looks along the plane's normal from 0.8 m: from +x with +y to the right, from -x with +y to the left."""
+    rows = np.array([[0.0, -side, 0.0], [0.0, 0.0, -1.0], [side, 0.0, 0.0]], dtype=np.float64)
     matrix = np.array([[FOCAL, 0.0, 500.0], [0.0, FOCAL, 380.0], [0.0, 0.0, 1.0]])
     return CameraModel(matrix, np.array(distortion), SIZE, rows, np.array([side * 0.15, -0.05, 0.8]))
 
@@ -103,8 +103,8 @@ def test_the_same_chance_gives_the_same_picture():
 @pytest.mark.parametrize("name", [field.name for field in fields(Disturbance) if field.name != "hidden_share"])
 def test_every_disturbance_changes_the_picture(name):
     turned = cv2.Rodrigues(np.array([0.3, 0.0, 0.0]))[0] @ straight_on().rotation
-    from_above = replace(straight_on(), rotation=turned, translation_m=np.array([0.0, 0.0, 0.8]) - turned @ [0.0, 0.15, 0.05])
-    assert (-turned.T @ from_above.translation_m)[2] < -0.1
+    from_above = replace(straight_on(), rotation=turned, translation_m=np.array([0.0, 0.0, 0.8]) - turned @ [0.0, 0.15, -0.05])
+    assert (-turned.T @ from_above.translation_m)[2] > 0.1
     near_the_ground = ANGLES + np.radians(12.0)
     absent = replace(ALL, **{name: type(getattr(ALL, name))() if name not in ("hidden_mark", "jpeg_quality") else None})
     with_it, without = (rendered(each, angles=near_the_ground, camera=from_above, ground=0.085) for each in (ALL, absent))

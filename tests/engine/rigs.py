@@ -12,8 +12,10 @@ from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.engine.bench import Bench
 from rfca_rig.protocol.experiments import flapping_plan
 from rfca_rig.protocol.plan import Plan
+from rfca_rig.recording import run_folder
 from rfca_rig.recording.form import Recording
-from rfca_rig.recording.run_file import RunFile
+from rfca_rig.recording.keeper import DirectKeeper
+from rfca_rig.recording.store import read_recording
 
 ROOT = Path(__file__).parents[2]
 
@@ -33,11 +35,30 @@ def one_condition(rig: RigFile, repeats: int = 1, speed_rad_s: float = 3.249) ->
     return flapping_plan(replace(protocol, conditions=(condition,), repeats=repeats), rig.facts())
 
 
+class Kept:
+    """The folder into which a recorder writes, without a process of its own."""
+
+    def __init__(self, folder: Path, header: Recording) -> None:
+        run_folder.create(folder, header)
+        self.folder = folder
+        self.keeper = DirectKeeper(folder)
+
+    def so_far(self) -> Recording:
+        """What is on disk."""
+        return run_folder.read_stages(self.folder)
+
+    def finish(self) -> Recording:
+        """What the run's file holds."""
+        self.keeper.finish("done")
+        return read_recording(run_folder.build(self.folder))
+
+
 @contextmanager
-def recorder_on(rig: RigFile, path: Path, seed: int = 1) -> Iterator[tuple[Bench, Recorder, RunFile]]:
+def recorder_on(rig: RigFile, folder: Path, seed: int = 1) -> Iterator[tuple[Bench, Recorder, Kept]]:
     with open_bench(rig, seed) as bench:
-        file = RunFile.create(path, Recording("a run", "SIM", rig.believed(), {}, (), ()))
-        yield bench, Recorder(file, bench.sensor.scale()), file
+        kept = Kept(folder, Recording("a run", "SIM", rig.believed(), {}, (), ()))
+        yield bench, Recorder(kept.keeper, bench.sensor.scale(), bench.clock), kept
+        kept.keeper.finish("done")
 
 
 def nothing(_stage: object) -> None:

@@ -14,7 +14,7 @@ from tests.engine.test_stops import ends_without_torque, tapped
 
 def test_a_drive_that_stops_by_itself_is_proven_and_the_run_goes_on(tmp_path):
     rig = twin_rig()
-    with recorder_on(rig, tmp_path / "run.h5") as (bench, recorder, _):
+    with recorder_on(rig, tmp_path / "run") as (bench, recorder, _):
         assert 0.05 < prove_stop(bench) < 0.5
         assert bench.motor.status().state == "idle"
         run_plan(one_condition(rig), bench, recorder, nothing)
@@ -30,7 +30,7 @@ def test_a_drive_without_watchdog_is_refused_and_left_without_torque():
 
 
 def test_an_operator_who_stops_the_proof_leaves_no_torque_either(tmp_path):
-    with recorder_on(twin_rig(), tmp_path / "run.h5") as (bench, _, _):
+    with recorder_on(twin_rig(), tmp_path / "run") as (bench, _, _):
 
         def interrupted(_limit_s):
             raise KeyboardInterrupt

@@ -31,7 +31,7 @@ class Hesitant:
 def swept(tmp_path, hesitant: bool) -> tuple[float, float]:
     """Time and angle that one stroke took."""
     rig = twin_rig()
-    with recorder_on(rig, tmp_path.with_suffix(".h5")) as (bench, recorder, _):
+    with recorder_on(rig, tmp_path) as (bench, recorder, _):
         clock = Hesitant(bench.clock) if hesitant else bench.clock
         run_plan(one_condition(rig), replace(bench, clock=clock), recorder, nothing)
     shaft = recorder.strokes[0].streams["shaft"]
@@ -41,3 +41,12 @@ def swept(tmp_path, hesitant: bool) -> tuple[float, float]:
 def test_a_stroke_is_as_long_and_as_wide_as_on_a_computer_that_is_never_late(tmp_path):
     in_time, late = swept(tmp_path / "a", False), swept(tmp_path / "b", True)
     assert late == pytest.approx(in_time, abs=0.03)
+
+
+def test_the_longest_gap_between_commands_is_known(tmp_path):
+    """Ticks of 2 to 10 ms, now and then 8 ms late."""
+    rig = twin_rig()
+    for folder, late_s in (("a", 0.0), ("b", 0.008)):
+        with recorder_on(rig, tmp_path / folder) as (bench, recorder, _):
+            run_plan(one_condition(rig), replace(bench, clock=Hesitant(bench.clock) if late_s else bench.clock), recorder, nothing)
+        assert recorder.worst_gap_s == pytest.approx(0.010 + late_s, abs=1e-6)

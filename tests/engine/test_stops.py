@@ -11,7 +11,7 @@ from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import DeviceError, Stopped, Tripped
 from rfca_rig.protocol.plan import Flap
-from rfca_rig.recording.run_file import read_partial
+from rfca_rig.recording.run_folder import read_stages
 from tests.engine.rigs import changed, nothing, one_condition, recorder_on, twin_rig
 
 MOTION = {Command.INPUT_POS, Command.INPUT_VEL, Command.INPUT_TORQUE}
@@ -47,7 +47,7 @@ def ends_without_torque(wiretap: Wiretap) -> bool:
 
 def stopped_by(tmp_path, rig, plan, error, match, spoil=None):
     """Runs into the error; returns what is on disk, and the bench."""
-    with recorder_on(rig, tmp_path / "run.h5") as (bench, recorder, _):
+    with recorder_on(rig, tmp_path / "run") as (bench, recorder, _):
         wiretap = tapped(bench)
         with pytest.raises(error, match=match):
             run_plan(plan, spoil(bench) if spoil else bench, recorder, nothing)
@@ -55,13 +55,16 @@ def stopped_by(tmp_path, rig, plan, error, match, spoil=None):
         before = bench.clock.now_s()
         bench.clock.wait_until(before + 3.0)
         assert abs(bench.motor.read().torque_Nm[-1]) == 0.0
-    return read_partial(tmp_path / "run.h5")
+    return read_stages(tmp_path / "run")
 
 
 def test_force_above_the_limit_trips_and_says_the_numbers(tmp_path):
     rig = changed(twin_rig(), "limits", force_N=30.0)
     kept = stopped_by(tmp_path, rig, one_condition(rig), Tripped, r"force 30\.\d N, limit 30 N")
     assert kept.strokes == ()
+    (until_then,) = kept.raw
+    assert np.abs(until_then.streams["force"].columns["fz_N"].values).max() > 25.0
+    assert 0.5 < until_then.streams["shaft"].t_s[-1] < 1.5
 
 
 def test_moment_above_the_limit_trips(tmp_path):
@@ -112,7 +115,7 @@ def test_a_sensor_that_falls_silent_trips(tmp_path):
 
 def test_strokes_before_a_trip_are_kept(tmp_path):
     rig = twin_rig()
-    with recorder_on(rig, tmp_path / "run.h5") as (bench, recorder, _):
+    with recorder_on(rig, tmp_path / "run") as (bench, recorder, _):
         quiet = QuietSensor(bench.sensor, 10**6)
 
         def silence_after_the_first(stage):
@@ -121,7 +124,7 @@ def test_strokes_before_a_trip_are_kept(tmp_path):
 
         with pytest.raises(Tripped, match="silent"):
             run_plan(one_condition(rig, 2), replace(bench, sensor=quiet), recorder, silence_after_the_first)
-    assert [stroke.repeat for stroke in read_partial(tmp_path / "run.h5").strokes] == [1]
+    assert [stroke.repeat for stroke in read_stages(tmp_path / "run").strokes] == [1]
 
 
 class StatusSensor(QuietSensor):
@@ -150,7 +153,7 @@ def test_a_latched_monitor_condition_is_only_a_warning(tmp_path):
         word = np.uint32(0x80010000)
 
     rig = twin_rig()
-    with recorder_on(rig, tmp_path / "run.h5") as (bench, recorder, _):
+    with recorder_on(rig, tmp_path / "run") as (bench, recorder, _):
         run_plan(one_condition(rig), replace(bench, sensor=Warned(bench.sensor, 400)), recorder, nothing)
         assert len(recorder.strokes) == 1
 
@@ -170,12 +173,15 @@ def test_the_operator_s_key_stops_the_run_and_keeps_what_is_done(tmp_path):
                 raise KeyboardInterrupt
             self._sink.flap(stage, recorded)
 
-    with recorder_on(rig, tmp_path / "run.h5") as (bench, recorder, _):
+        def __getattr__(self, name):
+            return getattr(self._sink, name)
+
+    with recorder_on(rig, tmp_path / "run") as (bench, recorder, _):
         wiretap = tapped(bench)
         with pytest.raises(Stopped, match="operator"):
             run_plan(plan, bench, Impatient(recorder), nothing)
         assert ends_without_torque(wiretap)
-    assert [stroke.repeat for stroke in read_partial(tmp_path / "run.h5").strokes] == [1]
+    assert [stroke.repeat for stroke in read_stages(tmp_path / "run").strokes] == [1]
 
 
 def test_an_emergency_stop_at_the_drive_trips_with_its_meaning(tmp_path):
@@ -210,7 +216,7 @@ def broken(message, timeout=None):
 
 def test_a_broken_bus_is_never_swallowed(tmp_path):
     rig = twin_rig()
-    with recorder_on(rig, tmp_path / "run.h5") as (bench, recorder, _):
+    with recorder_on(rig, tmp_path / "run") as (bench, recorder, _):
         tapped(bench).send = broken
         with pytest.raises(DeviceError, match=r"emergency stop"):
             run_plan(one_condition(rig), bench, recorder, nothing)

@@ -88,3 +88,12 @@ def test_a_good_plan_passes():
 def test_a_plan_beyond_the_rig_is_refused_before_anything_moves(plan, load, said):
     with pytest.raises(BadInput, match=said):
         check_plan(plan, {stage: load for stage in plan.stages if isinstance(stage, Flap)})
+
+
+def test_a_hold_lasts_as_long_as_its_parts_and_its_photo():
+    stages = StaticStages("s", (0.215,), ((1.0, "loading"),), 0.4, SETTLE, 0.5, dwell_s=2.0)
+    with_camera = replace(RIG, photo_limit_s=5.0)
+    assert static_plan(stages, RIG).holds[0].duration_s == pytest.approx(SETTLE.limit_s + 2.0 + 0.5)
+    assert static_plan(stages, with_camera).holds[0].duration_s == pytest.approx(SETTLE.limit_s + 2.0 + 5.0)
+    assert [static_plan(stages, rig).photos for rig in (RIG, with_camera)] == [0, 1]
+    assert static_plan(replace(stages, photo=False), with_camera).photos == 0

@@ -1,5 +1,7 @@
 """When two recordings are the same: every number to the last bit, every name, every order."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from rfca_rig.recording.form import Recording, Stream
@@ -9,12 +11,19 @@ def assert_same(one: Recording, other: Recording) -> None:
     for name in ("title", "source", "believed", "known_to", "provenance"):
         assert getattr(one, name) == getattr(other, name), name
     assert repr(one.static) == repr(other.static)
+    assert [(raw.label, raw.height_m, raw.cut_short) for raw in one.raw] == [(raw.label, raw.height_m, raw.cut_short) for raw in other.raw]
+    for mine, its in zip(one.raw, other.raw, strict=True):
+        _assert_same_streams(mine.streams, its.streams)
     assert len(one.strokes) == len(other.strokes)
     for mine, its in zip(one.strokes, other.strokes, strict=True):
         assert (mine.height_m, mine.speed_rad_s, mine.repeat) == (its.height_m, its.speed_rad_s, its.repeat)
-        assert list(mine.streams) == list(its.streams)
-        for name in mine.streams:
-            _assert_same_stream(mine.streams[name], its.streams[name])
+        _assert_same_streams(mine.streams, its.streams)
+
+
+def _assert_same_streams(one: Mapping[str, Stream], other: Mapping[str, Stream]) -> None:
+    assert list(one) == list(other)
+    for name in one:
+        _assert_same_stream(one[name], other[name])
 
 
 def _assert_same_stream(one: Stream, other: Stream) -> None:

@@ -26,7 +26,11 @@ def stage(number: int) -> StaticStage:
     hinges = (-1.5, math.nan, 0.1 + 0.2, 4.0, 5.0, 6.0)
     std = {"fz_N": 0.1 * number} if number != 2 else {}
     settled = {1: True, 2: False}.get(number)
-    return StaticStage(0.235, number, "loading" if number < 3 else "unloading", 1.0472, hinges, -1.0, 2.0, 0.3, std, settled)
+    sure = (0.03, math.nan, 0.1, 0.02, 0.02, 0.1 + 0.2) if number != 3 else ()
+    photo = f"photos/{number:03d}.png" if number != 2 else ""
+    doubts = "Märke an Gelenk 3: not seen" if number == 1 else ""
+    way = "loading" if number < 3 else "unloading"
+    return StaticStage(0.235, number, way, 1.0472, hinges, -1.0, 2.0, 0.3, std, settled, sure, photo, photo, doubts)
 
 
 def recording(strokes: int = 3, stages: int = 3) -> Recording:

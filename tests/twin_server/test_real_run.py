@@ -13,7 +13,7 @@ from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.drivers.roles import SensorScale, StreamHealth
 from rfca_rig.engine.arming import prove_stop
 from rfca_rig.engine.run import run_plan
-from rfca_rig.engine.stages import Recorded
+from rfca_rig.engine.sink import Recorded, Sink
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.plan import Flap
 from rfca_rig.recording.form import Stroke
@@ -50,7 +50,7 @@ def served(monkeypatch):
         yield server
 
 
-class InMemory:
+class InMemory(Sink):
     """A sink that writes nothing to disk."""
 
     def __init__(self, scale: SensorScale) -> None:

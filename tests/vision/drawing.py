@@ -78,14 +78,14 @@ def _box(middle_m: Floats, along_rad: float, long_m: float, wide_m: float) -> Fl
 
 
 def _shells(light: NDArray[np.float32], angles_rad: Floats, lengths_m: Floats, camera: CameraModel) -> None:
-    steps = lengths_m[:, None] * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)])
+    steps = lengths_m[:, None] * np.column_stack([np.cos(angles_rad), -np.sin(angles_rad)])
     for middle, angle, length in zip(np.cumsum(steps, axis=0) - steps / 2, angles_rad, lengths_m, strict=True):
-        _fill(light, camera, _box(middle, angle, length + 0.008, 0.015), SHELL)
+        _fill(light, camera, _box(middle, -angle, length + 0.008, 0.015), SHELL)
 
 
 def _background(light: NDArray[np.float32], camera: CameraModel, look: Look, random: np.random.Generator) -> None:
     for _ in range(look.red_bars):
-        middle = np.array([random.uniform(0.0, 0.25), random.choice([-0.05, 0.24])])
+        middle = np.array([random.uniform(0.0, 0.25), random.choice([0.05, -0.24])])
         _fill(light, camera, _box(middle, random.uniform(0, 3), random.uniform(0.03, 0.06), 0.012), RED)
 
 

@@ -18,7 +18,7 @@ from tests.vision.scenes import LENGTHS_M, PLAN, pose
 from tests.vision.scenes import camera as distorted_camera
 
 SHELL_HALF_M = 0.0075
-IMPOSTOR_M = np.array([0.02, 0.19])
+IMPOSTOR_M = np.array([0.02, -0.19])
 
 
 def scene(seed: int) -> tuple[CameraModel, Floats]:
@@ -64,7 +64,7 @@ def _scene(angles_rad: Floats, lengths_m: Floats, plan: MarkPlan, camera: Camera
         <headlight ambient="0.5 0.5 0.5" diffuse="0.3 0.3 0.3" specular="0.3 0.3 0.3"/>
       </visual>
       <worldbody>
-        <light pos="{side * 0.6} -0.3 -0.4" dir="{-side} 0.6 0.5" diffuse="0.5 0.5 0.5" specular="0.8 0.8 0.8"/>
+        <light pos="{side * 0.6} -0.3 0.4" dir="{-side} 0.6 -0.5" diffuse="0.5 0.5 0.5" specular="0.8 0.8 0.8"/>
         <camera name="photo" pos="{place}" xyaxes="{axes}" fovy="{fovy}"/>
         <geom type="sphere" size="0.012" pos="{-side * 0.03} {_numbers(impostor_m)}" rgba="0.8 0.05 0.05 1"/>
         {"".join(_shells(angles_rad, lengths_m, side))}
@@ -85,7 +85,7 @@ def _disc(place_m: Floats, radius_m: float, side: float) -> str:
 
 
 def _shells(angles_rad: Floats, lengths_m: Floats, side: float) -> list[str]:
-    steps = lengths_m[:, None] * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)])
+    steps = lengths_m[:, None] * np.column_stack([np.cos(angles_rad), -np.sin(angles_rad)])
     ends = np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
     x = -side * (SHELL_HALF_M + 1e-4)
     shell = '<geom type="capsule" fromto="{} {} {} {}" size="{}" rgba="0.05 0.05 0.05 1"/>'

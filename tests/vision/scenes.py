@@ -16,11 +16,11 @@ def camera(width_px: int = 1600, tilt_deg: tuple[float, float, float] = (4.0, -6
     focal = 1.9 * width_px
     matrix = np.array([[focal, 0, size[0] / 2 + 0.006 * width_px], [0, focal, size[1] / 2 - 0.004 * width_px], [0, 0, 1.0]])
     lens = np.array([-0.12, 0.08, 0.0006, -0.0004, 0.01]) if distorted else np.zeros(5)
-    # the camera's x is the plane's y, its y the plane's z, its z the plane's x: a camera that looks along +x
-    upright = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    # the camera's x is the plane's y, its y the plane's -z, its z the plane's -x: a camera that looks along -x
+    upright = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
     turn, _ = cv2.Rodrigues(np.radians(np.array(tilt_deg, dtype=np.float64)))
     rotation = turn @ upright
-    middle = np.array([0.0, 0.12, 0.09])
+    middle = np.array([0.0, 0.12, -0.09])
     return CameraModel(matrix, lens, size, rotation, np.array([0.0, 0.0, 0.85]) - rotation @ middle)
 
 

@@ -159,7 +159,7 @@ def test_another_board_is_no_board():
 @pytest.mark.parametrize("reach", ["right", "left"])
 def test_the_plane_is_found_with_the_shaft_axis_as_its_origin(reach):
     """A board held behind, turned and moved by known amounts; its corners' places in the plane are worked out here."""
-    place = BoardPlace(corner_m=(0.03, -0.02), reach=reach, turned_rad=np.radians(7.0), nearer_m=0.004)
+    place = BoardPlace(corner_m=(0.03, 0.02), reach=reach, turned_rad=np.radians(7.0), nearer_m=0.004)
     rotation = turn(6.0, -9.0, 3.0)
     translation_m = np.array([-0.1, -0.08, 0.7])
     pose = find_plane(points(rotation, translation_m, noise_px=0.02), MATRIX, DISTORTION, place)
@@ -169,8 +169,8 @@ def test_the_plane_is_found_with_the_shaft_axis_as_its_origin(reach):
     for right_m, down_m in ((0.0, 0.0), (0.2, 0.0), (0.05, 0.15)):
         level = right_m * np.cos(turned) - down_m * np.sin(turned)
         below = right_m * np.sin(turned) + down_m * np.cos(turned)
-        # the printed face is nearer to the camera than the marks; +x points away from it where +y is to the right
-        in_plane = np.array([-way * 0.004, 0.03 + way * level, -0.02 + below])
+        # the printed face is nearer to the camera than the marks; +x points at it where +y is to the right
+        in_plane = np.array([way * 0.004, 0.03 + way * level, 0.02 - below])
         seen = pose.rotation @ in_plane + pose.translation_m
         assert seen == pytest.approx(rotation @ np.array([right_m, down_m, 0.0]) + translation_m, abs=3e-4)
 
@@ -182,7 +182,7 @@ def test_tilt_and_distance_of_the_plane_scatter_as_they_say():
     normals = np.array([pose.rotation[:, 0] for pose in poses])
     turns = np.cross(normals.mean(axis=0), normals)[:, :2]  # small turns about the picture's two directions
     assert turns.std(axis=0) == pytest.approx(np.mean([pose.tilt_std_rad for pose in poses], axis=0), rel=0.35)
-    middles = [(pose.rotation @ np.array([0.0, 0.125, 0.0875]) + pose.translation_m)[2] for pose in poses]
+    middles = [(pose.rotation @ np.array([0.0, 0.125, -0.0875]) + pose.translation_m)[2] for pose in poses]
     assert np.std(middles) == pytest.approx(np.mean([pose.distance_std_m for pose in poses]), rel=0.35)
 
 

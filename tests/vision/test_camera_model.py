@@ -8,7 +8,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.vision.camera_model import CameraModel
 from tests.vision.scenes import camera
 
-POINTS_M = np.random.default_rng(1).uniform([-0.05, -0.05], [0.28, 0.24], (60, 2))
+POINTS_M = np.random.default_rng(1).uniform([-0.05, -0.24], [0.28, 0.05], (60, 2))
 
 
 def test_projects_as_opencv_does() -> None:
@@ -38,7 +38,7 @@ def test_jacobians_agree_with_differences() -> None:
 
 def test_a_circle_seen_askew_is_put_where_its_middle_is() -> None:
     model = camera(tilt_deg=(25.0, -30.0, 3.0))
-    centre, turn = np.array([0.2, 0.15]), np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    centre, turn = np.array([0.2, -0.15]), np.linspace(0, 2 * np.pi, 400, endpoint=False)
     rim = model.project(centre + 0.02 * np.column_stack([np.cos(turn), np.sin(turn)])).astype(np.float32)
     middle = np.array(cv2.fitEllipse(rim)[0])
     assert np.linalg.norm(model.on_plane(middle) - centre) > 5e-5

@@ -107,7 +107,7 @@ def test_disturbed_photos_give_angles_as_good_as_they_say(seed: int) -> None:
         light_fall=0.8,
         glints=6,
         covers=((int(random.integers(8)), float(random.uniform(0, 6)), 0.35),),
-        red_discs_m=((0.02, 0.19, 0.008),),
+        red_discs_m=((0.02, -0.19, 0.008),),
         red_bars=1,
     )
     true, result, identified = from_photo(look, seed)

@@ -54,7 +54,7 @@ def test_with_marks_gone_and_red_things_about_nothing_wrong_is_told(seed: int, g
     random = np.random.default_rng(seed)
     places = mark_positions(pose(random), LENGTHS_M, PLAN)
     left = np.delete(places, random.choice(8, gone, replace=False), axis=0)
-    others = random.uniform([-0.05, -0.05], [0.28, 0.24], (more, 2))
+    others = random.uniform([-0.05, -0.24], [0.28, 0.05], (more, 2))
     far = [other for other in others if _off_the_leg(other, left)]
     result = read([*random.permutation(left), *far])
     assert not wrong(result, places)
@@ -85,7 +85,7 @@ def test_a_lone_mark_beyond_a_missing_one_could_be_any_red_thing() -> None:
 
 def test_a_red_thing_is_named() -> None:
     places = mark_positions(pose(np.random.default_rng(3)), LENGTHS_M, PLAN)
-    result = read([*places, np.array([0.02, 0.2])])
+    result = read([*places, np.array([0.02, -0.2])])
     assert result.complete
     assert kinds(result) == ["extra"]
 

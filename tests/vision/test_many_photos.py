@@ -29,7 +29,7 @@ def disturbed(random: np.random.Generator) -> Look:
         ),
         left_out=(int(random.integers(8)),) if random.random() < 0.2 else (),
         red_discs_m=tuple(
-            (float(random.uniform(-0.05, 0.25)), float(random.uniform(-0.03, 0.24)), 0.0085) for _ in range(random.integers(3))
+            (float(random.uniform(-0.05, 0.25)), float(random.uniform(-0.24, 0.03)), 0.0085) for _ in range(random.integers(3))
         ),
         red_bars=int(random.integers(2)),
         jpeg_quality=int(random.integers(85, 98)) if random.random() < 0.5 else None,

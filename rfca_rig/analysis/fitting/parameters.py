@@ -95,7 +95,7 @@ PARAMETERS: Mapping[str, Parameter] = {
     parameter.name: parameter
     for parameter in (
         _of_leg("k0", "k0_Nm_per_rad", "N m/rad", 0.1, known_to="k0_relative"),
-        _of_leg("k2", "k2_per_rad2", "1/rad2", 0.2),
+        _of_leg("k2", "k2_per_rad2", "1/rad2", 0.2, known_to="k2_relative"),
         _of_leg("hinge_damping", "hinge_damping_Nm_s_per_rad", "N m s/rad", 0.5, known_to="hinge_damping_relative"),
         Parameter("mass", "g", True, 0.02, _mass_g, _with_mass, "mass_relative"),
         _of_leg("link_radius", "link_radius_m", "mm", 0.3, scale=1e3),

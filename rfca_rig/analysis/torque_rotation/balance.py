@@ -1,0 +1,242 @@
+"""Conditions that hold between the true angles and forces of a settled stage: moments at the shaft and at every hinge, forces, and the
+link ends' places on the floor.
+
+Absolute angles q_i = shaft + hinges up to i, positive downwards. With N_k, F_k what the floor does to end k (up, and along +y, at the
+lowest point of its circle, a lever away from the end), P_i and Q_i their sums over ends i and beyond, and w_i the first moment of weight
+that link i carries, joint j has to bear
+
+    load_j = sum over i >= j of [(w_i - P_i L_i) cos q_i - Q_i L_i sin q_i] - lever Q_j
+
+A hinge bears it with its torque, the drive with minus the shaft's. An end that is in the floor presses by Hertz; its friction is
+free, sign and size: one end's is what the sensor reads, and of several each has about its share.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.torque_rotation.bases import Basis
+from rfca_rig.analysis.torque_rotation.doubts import ANY, Doubts
+from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
+
+Floats = NDArray[np.float64]
+
+FLOOR_FLAT_M = 5e-5  # how flat a plate is, and how round a link end
+NEARLY_HERTZ = 0.01  # of its depth: how far an end may be from where Hertz's law has it
+SHARE_STD = 0.5  # of mu N: how far the friction of one of several ends may be from its share
+LEAST_N = 0.1  # newtons: what an end may press without anybody noticing
+
+
+@dataclass(frozen=True)
+class Group:
+    """Stages with the same ends on the floor: their `rows` among all, `ends` touching (from 0), and number of height and recording."""
+
+    rows: NDArray[np.intp]
+    ends: tuple[int, ...]
+    height_m: Floats
+    height: NDArray[np.intp]
+    recording: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The conditions g (S, R) at some point and their derivatives by what was measured (S, R, m), by depths and friction of the ends
+    (S, R, 2 T), and by curve and doubts (S, R, P); `slack` (S, R) is the variance with which a condition holds. `normal_N` (S, T).
+    """
+
+    g: Floats
+    by_z: Floats
+    by_c: Floats
+    by_p: Floats
+    slack: Floats
+    normal_N: Floats
+
+
+@dataclass(frozen=True)
+class Balance:
+    """The conditions for a rig, a form of the curve and doubts. `extra` (S, h, e): further columns of hinge torque, of all stages.
+
+    Unknowns p (P,) are the coefficients of the form, of the further columns, and the doubts.
+    """
+
+    rig: RigModel
+    basis: Basis
+    doubts: Doubts
+    extra: Floats
+
+    @property
+    def curve_size(self) -> int:
+        return self.basis.size + int(self.extra.shape[2])
+
+    @property
+    def L(self) -> Floats:
+        return np.array(self.rig.leg.link_lengths_m)
+
+    @property
+    def weight_moment(self) -> Floats:
+        """w (n,)."""
+        mass = np.array(self.rig.leg.link_masses_kg)
+        beyond = np.cumsum(mass[::-1])[::-1] - mass
+        return np.asarray(GRAVITY_M_S2 * self.L * (0.5 * mass + beyond))
+
+    @property
+    def weight_N(self) -> float:
+        return GRAVITY_M_S2 * sum(self.rig.leg.link_masses_kg)
+
+    def doubt(self, p: Floats, name: str) -> float:
+        """Its value in p, 0 where it is not doubted."""
+        place = self.doubts.place(name)
+        return 0.0 if place is None else float(p[self.curve_size + place])
+
+    def mended(self, z: Floats, p: Floats, recording: NDArray[np.intp]) -> Floats:
+        """What was measured, less what zeros and tares shift it by, and less the sensor's gain."""
+        mended = z.copy()
+        for place, doubt in enumerate(self.doubts.each):
+            if doubt.column is not None:
+                mended[:, doubt.column] -= np.where(
+                    (doubt.recording == ANY) | (recording == doubt.recording), p[self.curve_size + place], 0.0
+                )
+        mended[:, self.L.size :] /= 1.0 + self.doubt(p, "gain")
+        return mended
+
+    def depth_m(self, z: Floats, p: Floats, group: Group) -> Floats:
+        """(S, n) how far every link end is in the floor, for angles z that were mended."""
+        offset_m = np.array([self.doubt(p, f"height_{i}") for i in group.height])
+        q = absolute(z, self.L.size)
+        down_m, along_m = np.cumsum(self.L * np.sin(q), axis=1), np.cumsum(self.L * np.cos(q), axis=1)
+        floor_m = (group.height_m + offset_m)[:, None] - self.doubt(p, "slope") * along_m
+        return np.asarray(down_m + self.rig.leg.link_radius_m - floor_m)
+
+    def linear(self, group: Group, z: Floats, c: Floats, p: Floats) -> Linear:
+        """At angles and readings z (S, m), c (S, 2 T) depths of the ends [m] and then their friction [N], curve and doubts p (P,)."""
+        return _Conditions(self, group, self.mended(z, p, group.recording), c, p).linear()
+
+
+def absolute(z: Floats, links: int) -> Floats:
+    """Angles of the links (S, n) from hinge angles and shaft angle."""
+    return np.asarray(np.cumsum(np.concatenate([z[:, links - 1 : links], z[:, : links - 1]], axis=1), axis=1))
+
+
+def from_on(per_link: Floats) -> Floats:
+    """Sums over links i = j.. to the tip, (S, n)."""
+    return np.asarray(np.cumsum(per_link[:, ::-1], axis=1)[:, ::-1])
+
+
+class _Conditions:
+    """One evaluation: rows of the hinges, of the shaft's torque, of fz and fy, of the ends' places, of their shares of friction."""
+
+    def __init__(self, balance: Balance, group: Group, z: Floats, c: Floats, p: Floats) -> None:
+        self.of, self.group, self.z, self.p = balance, group, z, p
+        self.n, self.T = balance.L.size, len(group.ends)
+        self.h = self.n - 1
+        R = self.h + 3 + self.T + max(self.T - 1, 0)
+        self.g, self.slack = np.zeros((len(z), R)), np.zeros((len(z), R))
+        self.by_z, self.by_c, self.by_p = (np.zeros((len(z), R, columns)) for columns in (self.h + 4, 2 * self.T, p.size))
+        self.deep_m, self.F = c[:, : self.T], c[:, self.T :]
+        believed = balance.rig.ground.stiffness_N_per_m1p5
+        stiffness = believed * np.exp(balance.doubt(p, "contact"))
+        round_m = 0.5 * (LEAST_N / believed) ** (2.0 / 3.0)  # rounds the corner where an end begins to press
+        far_m = np.hypot(self.deep_m, round_m)
+        root = np.sqrt(0.5 * (self.deep_m + far_m))
+        self.N, self.N_deep = stiffness * root**3, 0.75 * stiffness * root * (1.0 + self.deep_m / far_m)
+        q = absolute(z, self.n)
+        self.across, self.down = balance.L * np.cos(q), balance.L * np.sin(q)
+        self.reach = (np.arange(self.n)[:, None] <= np.array(group.ends, dtype=int)).astype(float)  # (n, T): joint i comes before end k
+
+    def linear(self) -> Linear:
+        self._loads()
+        self._hinges()
+        self._sensor()
+        self._places()
+        self._shares()
+        self._shifts()
+        return Linear(self.g, self.by_z, self.by_c, self.by_p, self.slack, self.N)
+
+    def _loads(self) -> None:
+        """load_j (S, n) with its derivatives by joint angles (S, n, n), by depths and friction (S, n, 2 T), and by doubts."""
+        w = self.of.weight_moment / self.of.L
+        mass, lever = 1.0 + self.of.doubt(self.p, "mass"), self.of.rig.friction_lever_m + self.of.doubt(self.p, "friction_lever")
+        up, along = mass * w - self.N @ self.reach.T, self.F @ self.reach.T
+        self.load = from_on(up * self.across - along * self.down) - lever * along
+        turn, joints = from_on(-up * self.down - along * self.across), np.arange(self.n)
+        self.load_q = turn[:, np.maximum(joints[:, None], joints)]
+        self.arms = np.stack([from_on(self.across * reach) for reach in self.reach.T], axis=2) if self.T else np.zeros((*turn.shape, 0))
+        levers = [from_on(self.down * reach) + lever * reach for reach in self.reach.T]
+        self.load_N = -self.arms
+        self.load_c = np.concatenate([self.load_N * self.N_deep[:, None], -np.stack(levers, axis=2)], axis=2) if self.T else self.arms
+        self.load_contact = np.einsum("sjk,sk->sj", self.load_N, self.N)
+        self.load_mass, self.load_lever = from_on(w * self.across), -along
+
+    def _hinges(self) -> None:
+        """Torque of every hinge less its load."""
+        h, size, whole = self.h, self.of.basis.size, self.of.curve_size
+        phi, extra = self.z[:, :h], self.of.extra[self.group.rows]
+        columns = self.of.basis.columns(phi)
+        self.g[:, :h] = columns @ self.p[:size] + extra @ self.p[size:whole] - self.load[:, 1:]
+        self.by_z[:, :h, :h] = -self.load_q[:, 1:, 1:]
+        self.by_z[:, np.arange(h), np.arange(h)] += self.of.basis.slopes(phi) @ self.p[:size]
+        self.by_z[:, :h, h] = -self.load_q[:, 1:, 0]
+        self.by_c[:, :h] = -self.load_c[:, 1:]
+        self.by_p[:, :h, :size], self.by_p[:, :h, size:whole] = columns, extra
+        for name, slope in (("mass", self.load_mass), ("friction_lever", self.load_lever), ("contact", self.load_contact)):
+            self._by_doubt(slice(0, h), name, -slope[:, 1:])
+
+    def _sensor(self) -> None:
+        """Readings of torque, fz and fy less what leg and floor make of them."""
+        h, T, below_m = self.h, self.T, self.of.rig.sensor.below_shaft_m
+        mass = 1.0 + self.of.doubt(self.p, "mass")
+        self.g[:, h] = self.z[:, h + 3] + self.load[:, 0] + below_m * self.F.sum(1)
+        self.g[:, h + 1] = self.z[:, h + 2] - mass * self.of.weight_N + self.N.sum(1)
+        self.g[:, h + 2] = self.z[:, h + 1] + self.F.sum(1)
+        self.by_z[:, [h, h + 1, h + 2], [h + 3, h + 2, h + 1]] = 1.0
+        self.by_z[:, h, :h], self.by_z[:, h, h] = self.load_q[:, 0, 1:], self.load_q[:, 0, 0]
+        self.by_c[:, h] = self.load_c[:, 0]
+        self.by_c[:, h, T:] += below_m
+        self.by_c[:, h + 1, :T], self.by_c[:, h + 2, T:] = self.N_deep, 1.0
+        weight = np.full(len(self.z), -self.of.weight_N)
+        self._by_doubt(slice(h, h + 2), "mass", np.stack([self.load_mass[:, 0], weight], axis=1))
+        self._by_doubt(slice(h, h + 1), "friction_lever", self.load_lever[:, :1])
+        self._by_doubt(slice(h, h + 2), "contact", np.stack([self.load_contact[:, 0], self.N.sum(1)], axis=1))
+
+    def _places(self) -> None:
+        """Every end is as deep as the angles put it."""
+        rows, ends = slice(self.h + 3, self.h + 3 + self.T), np.arange(self.T)
+        self.g[:, rows] = self.of.depth_m(self.z, self.p, self.group)[:, list(self.group.ends)] - self.deep_m
+        slope, along_m = self.of.doubt(self.p, "slope"), np.cumsum(self.across, axis=1)[:, list(self.group.ends)]
+        sinks = self.arms - slope * np.stack([from_on(self.down * reach) for reach in self.reach.T], axis=2) if self.T else self.arms
+        by_joint = np.swapaxes(sinks, 1, 2)  # (S, T, n)
+        self.by_z[:, rows, : self.h], self.by_z[:, rows, self.h] = by_joint[:, :, 1:], by_joint[:, :, 0]
+        self.by_c[:, self.h + 3 + ends, ends] = -1.0
+        self._by_doubt(rows, "slope", along_m)
+        for i in np.unique(self.group.height):
+            self._by_doubt(rows, f"height_{i}", -np.repeat((self.group.height == i)[:, None], self.T, axis=1).astype(float))
+        self.slack[:, rows] = FLOOR_FLAT_M**2 + (NEARLY_HERTZ * np.maximum(self.deep_m, 0.0)) ** 2
+
+    def _shares(self) -> None:
+        """Of several ends each has friction in about its share of the load, as far as friction allows; none where it does not press."""
+        whole, F = np.maximum(self.N.sum(1), LEAST_N), self.F.sum(1)
+        mu = self.of.rig.ground.friction_coefficient
+        for k in range(self.T - 1):
+            row, share = self.h + 3 + self.T + k, self.N[:, k] / whole
+            self.g[:, row] = self.F[:, k] - share * F
+            self.by_c[:, row, : self.T] = (share * F / whole)[:, None] * self.N_deep
+            self.by_c[:, row, k] -= F / whole * self.N_deep[:, k]
+            self.by_c[:, row, self.T :] = -share[:, None]
+            self.by_c[:, row, self.T + k] += 1.0
+            self.slack[:, row] = (SHARE_STD * mu * np.maximum(self.N[:, k], LEAST_N)) ** 2
+
+    def _by_doubt(self, rows: slice, name: str, slope: Floats) -> None:
+        place = self.of.doubts.place(name)
+        if place is not None:
+            self.by_p[:, rows, self.of.curve_size + place] += slope
+
+    def _shifts(self) -> None:
+        """Zeros, tares and gain act through what was measured; the chain rule turns derivatives by mended readings into those by raw."""
+        gain = 1.0 + self.of.doubt(self.p, "gain")
+        self._by_doubt(slice(None), "gain", -np.einsum("srm,sm->sr", self.by_z[:, :, self.n :], self.z[:, self.n :]) / gain)
+        self.by_z[:, :, self.n :] /= gain
+        for place, doubt in enumerate(self.of.doubts.each):
+            if doubt.column is not None:
+                here = (doubt.recording == ANY) | (self.group.recording == doubt.recording)
+                self.by_p[here, :, self.of.curve_size + place] -= self.by_z[here, :, doubt.column]

@@ -1,0 +1,162 @@
+"""Whether the stages bear out what the curve takes for granted: the form of the law, hinges that are alike, no loop, values as believed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from rfca_rig.analysis.torque_rotation.adjustment import Adjusted, freed, weighed
+from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
+from rfca_rig.analysis.torque_rotation.recovery import Recovered
+from rfca_rig.analysis.torque_rotation.stages import StageData
+
+Floats = NDArray[np.float64]
+
+REFUSED_BELOW = 1e-3  # chance of so large a gain where the law holds
+SMALL = 0.005  # of the largest torque: closer than anybody needs the law to hold
+STRAY = 6.0  # standard deviations: of some hundred readings none is so far by chance
+CLEARLY = 4.0  # standard deviations
+
+
+@dataclass(frozen=True)
+class FormCheck:
+    """What splines gain over the law with the same errors: `gain` in chi2 for `more` coefficients, its `chance` where the law holds.
+
+    The curves are farthest apart at `at_rad`, by `apart_Nm`, `apart_relative` of the largest torque.
+    """
+
+    gain: float
+    more: int
+    chance: float
+    at_rad: float
+    apart_Nm: float
+    apart_relative: float
+
+    @property
+    def holds(self) -> bool:
+        return self.chance >= REFUSED_BELOW or abs(self.apart_relative) < SMALL
+
+
+@dataclass(frozen=True)
+class HingeCheck:
+    """By how much one hinge is stiffer than the curve of all, as a share, with one standard deviation; hinges count from 2."""
+
+    hinge: int
+    stiffer: float
+    std: float
+
+    @property
+    def differs(self) -> bool:
+        return abs(self.stiffer) > CLEARLY * self.std
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Half the height of the loop between bending and unbending, one standard deviation, and how many angles were come to either way."""
+
+    half_Nm: float
+    std_Nm: float
+    bending: int
+    unbending: int
+
+    @property
+    def seen(self) -> bool:
+        return abs(self.half_Nm) > CLEARLY * self.std_Nm
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a doubted quantity came out as, in its unit for a reader; `pull` is how many prior standard deviations that is."""
+
+    says: str
+    unit: str
+    value: float
+    std: float
+    prior_std: float
+    pull: float
+
+    @property
+    def strained(self) -> bool:
+        """Farther from what was believed than that was known."""
+        return abs(self.pull) > CLEARLY
+
+
+@dataclass(frozen=True)
+class Stray:
+    """A reading that is `pull` standard deviations from where balance wants it: `off` it, in `unit`."""
+
+    label: str
+    says: str
+    off: float
+    unit: str
+    pull: float
+
+
+def strays(found: Recovered, data: StageData) -> tuple[Stray, ...]:
+    """Readings that no noise explains, the worst first."""
+    C = found.errors.covariance(data, found.adjusted.balance.rig.leg.link_lengths_m)
+    off = data.measured - found.adjusted.point.z
+    pulls = off / np.sqrt(np.diagonal(C, axis1=1, axis2=2))
+    names = [(f"hinge {i + 2}", "degrees", np.degrees(1.0)) for i in range(data.hinges)]
+    names += [("the shaft's angle", "degrees", np.degrees(1.0)), ("fy", "N", 1.0), ("fz", "N", 1.0), ("tx", "N m", 1.0)]
+    far = sorted(np.argwhere(np.abs(pulls) > STRAY).tolist(), key=lambda place: -abs(pulls[*place]))
+    return tuple(
+        Stray(data.label(row), names[column][0], float(names[column][2] * off[row, column]), names[column][1], float(pulls[row, column]))
+        for row, column in far
+    )
+
+
+def form_check(law: Recovered, free: Recovered, law_curve: TorqueCurve, free_curve: TorqueCurve) -> FormCheck:
+    """`law` and `free` were found with the same errors."""
+    gain = max(law.adjusted.chi2 - free.adjusted.chi2, 0.0)
+    more = free.adjusted.balance.basis.size - law.adjusted.balance.basis.size
+    grid = free_curve.grid_rad()
+    by_law, by_free = law_curve.torque_Nm(grid)[0], free_curve.torque_Nm(grid)[0]
+    worst = int(np.argmax(np.abs(by_law - by_free)))
+    apart = float(by_law[worst] - by_free[worst]) * law_curve.bends
+    scale = float(np.abs(by_free).max()) or 1.0
+    return FormCheck(gain, more, float(chi2.sf(gain, max(more, 1))), float(grid[worst]), apart, apart / scale)
+
+
+def hinge_checks(found: Recovered, data: StageData, curve: TorqueCurve) -> tuple[HingeCheck, ...]:
+    """Each hinge supposed to differ while the others share the curve."""
+    torque = curve.torque_Nm(found.adjusted.point.z[:, : data.hinges].ravel())[0].reshape(-1, data.hinges)
+    columns = torque[:, :, None] * np.eye(data.hinges)
+    return tuple(HingeCheck(j + 2, value, std) for j, (value, std) in enumerate(_tried(found, data, columns)))
+
+
+def _tried(found: Recovered, data: StageData, columns: Floats) -> list[tuple[float, float]]:
+    """Value and standard deviation of each further column of hinge torque (S, h, e), one at a time beside all other unknowns."""
+    adjusted = found.adjusted
+    C = found.errors.covariance(data, adjusted.balance.rig.leg.link_lengths_m)
+    rows = weighed(adjusted.balance, freed(adjusted.balance, adjusted.groups, data.measured, C, adjusted.point, columns), adjusted.point.p)
+    scale = np.linalg.norm(rows.matrix, axis=0)
+    results = []
+    for one in rows.extra.T:
+        known = rows.matrix / scale
+        own = one - known @ np.linalg.lstsq(known, one, rcond=None)[0]
+        information = float(own @ own)
+        results.append((-float(own @ rows.right) / information, information**-0.5) if information > 0.0 else (0.0, np.inf))
+    return results
+
+
+def loop_of(found: Recovered, data: StageData) -> Loop | None:
+    """The first further column's coefficient, where `found` has `data.turned` for one; None where no hinge turned back."""
+    bending = data.turned * np.sign(data.measured[:, : data.hinges])
+    back = int((bending < 0).sum())
+    if not back or not found.adjusted.balance.extra.shape[2]:
+        return None
+    place = found.adjusted.balance.basis.size
+    std = float(np.sqrt(found.adjusted.covariance[place, place]))
+    return Loop(float(found.adjusted.point.p[place]), std, int((bending > 0).sum()), back)
+
+
+def found_doubts(adjusted: Adjusted) -> tuple[Found, ...]:
+    """All doubts as they came out."""
+    first, doubts = adjusted.balance.curve_size, adjusted.balance.doubts.each
+    values, std = adjusted.point.p[first:], np.sqrt(np.diag(adjusted.covariance))[first:]
+    return tuple(
+        Found(d.says, d.unit, *d.shown(float(v), float(s)), d.scale * d.std, float(v) / d.std)
+        for d, v, s in zip(doubts, values, std, strict=True)
+    )

@@ -1,0 +1,190 @@
+"""From recordings with static stages to the torque-rotation curve, with all checks."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.torque_rotation.bases import Hardening, Spline, spline_over
+from rfca_rig.analysis.torque_rotation.checks import form_check, found_doubts, hinge_checks, loop_of, strays
+from rfca_rig.analysis.torque_rotation.curve import TorqueCurve, law_values
+from rfca_rig.analysis.torque_rotation.doubts import Doubts, Instruments, doubts_of
+from rfca_rig.analysis.torque_rotation.noise import Errors
+from rfca_rig.analysis.torque_rotation.points import points_of
+from rfca_rig.analysis.torque_rotation.recovery import Recovered, recovered
+from rfca_rig.analysis.torque_rotation.stages import StageData, stage_data
+from rfca_rig.analysis.torque_rotation.static_result import Repeats, StaticResult
+from rfca_rig.description.believed import believed_model
+from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.recording.form import Recording
+
+Floats = NDArray[np.float64]
+
+ANGLES_PER_PIECE, MOST_PIECES = 20, 3
+FEWEST_ANGLES = 12
+FEWEST_STAGES = 3
+LEAST_RANGE_DEG = 2.0
+
+
+@dataclass(frozen=True)
+class Supposition:
+    """What stages are held against: the sections of a model, how well its values are known, sensor and marks, all in the files' units.
+
+    `hinge_std_deg` is one standard deviation of a hinge angle where a stage does not state it; None to have the stages tell it.
+    """
+
+    believed: Mapping[str, Any]
+    known_to: Mapping[str, float | None] = field(default_factory=dict)
+    instruments: Instruments = field(default_factory=Instruments)
+    hinge_std_deg: float | None = None
+
+
+@dataclass(frozen=True)
+class _Case:
+    """One set of stages ready to be solved."""
+
+    data: StageData
+    rig: RigModel
+    doubts: Doubts
+
+    def solved(self, free: bool, errors: Errors, loop: bool = False, learn: bool = True) -> Recovered:
+        """With splines or with the law."""
+        turned = self.data.turned[:, :, None] if loop else None
+        return recovered(self.data, self.rig, self._splines() if free else Hardening(), self.doubts, errors, turned, learn)
+
+    def _splines(self) -> Spline:
+        angles = self.data.measured[:, : self.data.hinges][self.data.seen]
+        return spline_over(angles, int(np.clip(len(angles) // ANGLES_PER_PIECE, 1, MOST_PIECES)))
+
+
+def evaluate(recordings: Sequence[Recording], supposed: Supposition) -> StaticResult:
+    """The curve that all stages of the recordings share, which must be of one leg.
+
+    The form is decided with the errors that splines leave: a law that fails would lay its misfit on the instruments. Raises BadInput
+    where the stages cannot tell a curve, SimulationFailed.
+    """
+    case = _case(recordings, supposed)
+    free = _freest(case)
+    looped = _with_loop(case, free)
+    loop = loop_of(looped, case.data) if looped else None
+    closed = looped if looped is not None and loop is not None and loop.seen else None
+    free = closed or free
+    law = case.solved(False, free.errors, loop=closed is not None)
+    same_errors = case.solved(False, free.errors, loop=closed is not None, learn=False)
+    widened = _repeats(recordings, supposed, law)
+    law_curve, free_curve = (_curve(found, case.data, widened.widened) for found in (law, free))
+    form = form_check(same_errors, free, _curve(same_errors, case.data, 1.0), free_curve)
+    found = law if form.holds else free
+    return StaticResult(
+        rig=case.rig,
+        data=case.data,
+        found=found,
+        law=law_curve,
+        values=law_values(law_curve),
+        free=free_curve,
+        form=form,
+        loop=loop,
+        hinges=hinge_checks(found, case.data, law_curve if form.holds else free_curve),
+        doubts=found_doubts(found.adjusted),
+        strays=strays(found, case.data),
+        points=points_of(found, case.data),
+        repeats=widened,
+    )
+
+
+def _case(recordings: Sequence[Recording], supposed: Supposition) -> _Case:
+    rig = believed_model(supposed.believed)
+    _check(recordings, rig)
+    noise_std = supposed.believed["sensor"].get("noise_std") or {}
+    data = stage_data(recordings, noise_std, supposed.hinge_std_deg)
+    if len(data.stages) < FEWEST_STAGES or int(data.seen.sum()) < FEWEST_ANGLES:
+        raise BadInput(
+            f"{len(data.stages)} settled stages with {int(data.seen.sum()) if len(data.stages) else 0} hinge angles in all: a curve needs "
+            f"at least {FEWEST_STAGES} stages and {FEWEST_ANGLES} angles; take more stages"
+        )
+    _check_range(data)
+    return _Case(data, rig, doubts_of(data, supposed.known_to, supposed.instruments))
+
+
+def _check_range(data: StageData) -> None:
+    angles_deg = np.degrees(data.measured[:, : data.hinges][data.seen])
+    if np.ptp(angles_deg) < LEAST_RANGE_DEG:
+        raise BadInput(
+            f"all hinge angles lie within {np.ptp(angles_deg):.2f} degrees: a curve needs at least {LEAST_RANGE_DEG:g}; turn the shaft "
+            "farther, and look whether the angles are in degrees"
+        )
+
+
+def _check(recordings: Sequence[Recording], rig: RigModel) -> None:
+    hinges = len(rig.leg.link_lengths_m) - 1
+    for recording in recordings:
+        if not recording.static:
+            raise BadInput(f"{recording.title!r} holds no static stages; record some with: rfca-rig static run")
+        if not any(np.isfinite(stage.hinge_deg).any() for stage in recording.static):
+            raise BadInput(
+                f"{recording.title!r}: none of its {len(recording.static)} static stages has a hinge angle; record the stages with a "
+                "camera in the rig file, or give the static CSV the columns hinge2_deg .. hinge7_deg"
+            )
+        for stage in recording.static:
+            if len(stage.hinge_deg) != hinges:
+                raise BadInput(
+                    f"{recording.title!r}: stage {stage.stage} at {1e3 * stage.height_m:g} mm has {len(stage.hinge_deg)} hinges and the "
+                    f"model's leg has {hinges}; give the model of this leg with --model"
+                )
+
+
+def _freest(case: _Case) -> Recovered:
+    """With splines, and with whichever errors are likelier, of single hinges or of marks; those that allow no balance are not."""
+    found, failed = [], None
+    for chained in (False, True):
+        try:
+            found.append(case.solved(True, Errors(chained=chained)))
+        except SimulationFailed as error:
+            failed = error
+    if not found and failed is not None:
+        raise failed
+    return max(found, key=lambda one: one.log_likelihood)
+
+
+def _with_loop(case: _Case, free: Recovered) -> Recovered | None:
+    """The same with a loop, where hinges turned back."""
+    bending = case.data.turned * np.sign(case.data.measured[:, : case.data.hinges])
+    return case.solved(True, free.errors, loop=True) if (bending < 0).any() else None
+
+
+def _curve(found: Recovered, data: StageData, widened: float) -> TorqueCurve:
+    adjusted = found.adjusted
+    angles = adjusted.point.z[:, : data.hinges][data.seen]
+    size = adjusted.balance.basis.size
+    return TorqueCurve(
+        basis=adjusted.balance.basis,
+        coefficients=adjusted.point.p[:size],
+        covariance=widened**2 * adjusted.covariance[:size, :size],
+        range_rad=(float(angles.min()), float(angles.max())),
+        bends=float(np.sign(angles.sum())) or 1.0,
+        freedom=adjusted.freedom,
+    )
+
+
+def _repeats(recordings: Sequence[Recording], supposed: Supposition, law: Recovered) -> Repeats:
+    """Each recording by itself with the errors found for all, where there are several that suffice."""
+    if len(recordings) < 2:
+        return Repeats()
+    each, pulls, freedom = [], 0.0, 0
+    size = law.adjusted.balance.basis.size
+    middle = law.adjusted.point.p[:size]
+    for recording in recordings:
+        try:
+            case = _case([recording], supposed)
+        except BadInput:
+            continue
+        alone = case.solved(False, law.errors, learn=False)
+        curve = _curve(alone, case.data, 1.0)
+        apart = curve.coefficients - middle
+        pulls, freedom = pulls + float(apart @ np.linalg.solve(curve.covariance, apart)), freedom + size
+        each.append(law_values(curve))
+    freedom -= size
+    return Repeats(tuple(each), float(np.sqrt(max(1.0, pulls / freedom))) if freedom > 0 else 1.0)

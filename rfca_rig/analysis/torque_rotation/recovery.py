@@ -1,0 +1,72 @@
+"""The curve of one form from the stages: ends that touch, errors and coefficients, found together."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.torque_rotation.adjustment import Adjusted, Point
+from rfca_rig.analysis.torque_rotation.balance import Balance
+from rfca_rig.analysis.torque_rotation.bases import Basis
+from rfca_rig.analysis.torque_rotation.doubts import Doubts
+from rfca_rig.analysis.torque_rotation.noise import Errors, learned
+from rfca_rig.analysis.torque_rotation.stages import StageData
+from rfca_rig.analysis.torque_rotation.touching import Ends, pressing, restarted, settled, supposed
+from rfca_rig.model.parameters import RigModel
+
+Floats = NDArray[np.float64]
+
+ROUNDS = 4
+SAME = 0.02  # of the logarithm of a noise
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """A curve with the errors it was found with; `log_likelihood` is that of the errors, `ends` (S,) are those that touch."""
+
+    adjusted: Adjusted
+    errors: Errors
+    log_likelihood: float
+    ends: tuple[Ends, ...]
+
+
+def recovered(
+    data: StageData, rig: RigModel, basis: Basis, doubts: Doubts, errors: Errors, extra: Floats | None = None, learn: bool = True
+) -> Recovered:
+    """Coefficients by least squares with everything in error; with `learn`, errors as the stages themselves tell them, from `errors` on.
+
+    `extra` (S, h, e) are further columns of hinge torque. Raises SimulationFailed.
+    """
+    nothing = np.zeros((len(data.measured), data.hinges, 0))
+    balance = Balance(rig, basis, doubts, nothing if extra is None else extra)
+    p = np.zeros(balance.curve_size + len(doubts.each))
+    p[: basis.size] = _believed_curve(rig, basis, data)
+    ends = supposed(balance, data, p)
+    point = restarted(balance, data, Point(data.measured.copy(), (), p), ends)
+    for _ in range(ROUNDS):
+        adjusted, ends = settled(balance, data, errors.covariance(data, rig.leg.link_lengths_m), point, ends)
+        if not learn:
+            return Recovered(adjusted, errors, adjusted.log_likelihood, pressing(adjusted, len(ends)))
+        before, (errors, likelihood) = errors, learned(data, adjusted, errors)
+        point = adjusted.point
+        if _alike(before, errors):
+            break
+    adjusted, ends = settled(balance, data, errors.covariance(data, rig.leg.link_lengths_m), point, ends)
+    return Recovered(adjusted, errors, likelihood, pressing(adjusted, len(ends)))
+
+
+def _believed_curve(rig: RigModel, basis: Basis, data: StageData) -> Floats:
+    """The coefficients nearest to what was believed, over the angles of the stages."""
+    phi = np.linspace(*_range(data), 100)
+    torque = rig.leg.k0_Nm_per_rad * (phi + rig.leg.k2_per_rad2 * phi**3)
+    return np.asarray(np.linalg.lstsq(basis.columns(phi), torque, rcond=None)[0])
+
+
+def _range(data: StageData) -> tuple[float, float]:
+    angles = data.measured[:, : data.hinges][data.seen]
+    return float(angles.min()), float(angles.max())
+
+
+def _alike(a: Errors, b: Errors) -> bool:
+    pairs = ((a.hinge_std_rad, b.hinge_std_rad), (a.stated_factor, b.stated_factor), (a.force_factor, b.force_factor))
+    return max(abs(float(np.log(x / y))) for x, y in pairs) < SAME

@@ -1,0 +1,147 @@
+"""Static stages as arrays: what was measured at each, and how well that is known."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.recording.form import Recording, StaticStage
+
+Floats = NDArray[np.float64]
+
+FORCES = ("fy_N", "fz_N", "tx_Nm")
+USUAL_NOISE = {"fy_N": 0.1, "fz_N": 0.15, "tx_Nm": 0.006}  # of one sample of a six-axis sensor for some hundred newtons
+MEAN_OF_SAMPLES = 5.0  # a stage's mean is at least this much quieter, squared, than one sample
+SHAFT_STD_RAD = 2e-4  # of a settled encoder reading
+NOT_SEEN_STD_RAD = 1.0  # of an angle that no photo tells
+
+
+@dataclass(frozen=True)
+class Left:
+    """A stage that tells nothing of the hinges, and why."""
+
+    recording: int
+    stage: StaticStage
+    why: str
+
+
+@dataclass(frozen=True)
+class StageData:
+    """The stages that count, in their order.
+
+    `measured` (S, h + 4): h hinge angles and the shaft's [rad], fy, fz [N], tx [N m]. `hinge_std_rad` (S, h) is NaN where nobody stated it
+    and infinite where the angle is missing (its value is then a guess to begin from). `force_std` (S, 3) is what one would expect of a
+    mean. `turned` (S, h): +1 or -1, the way in which the hinge came to its angle, 0 where that is within the errors.
+    """
+
+    stages: tuple[StaticStage, ...]
+    recording: NDArray[np.intp]
+    height_m: Floats
+    measured: Floats
+    hinge_std_rad: Floats
+    force_std: Floats
+    sample_noise: Floats
+    turned: Floats
+    left_out: tuple[Left, ...]
+
+    @property
+    def hinges(self) -> int:
+        return int(self.hinge_std_rad.shape[1])
+
+    def label(self, row: int) -> str:
+        """As in "stage 3 at 215 mm"."""
+        return f"stage {self.stages[row].stage} at {1e3 * self.stages[row].height_m:g} mm"
+
+    @property
+    def heights_m(self) -> Floats:
+        """The distinct ones, ascending."""
+        return np.unique(self.height_m)
+
+    @property
+    def unstated(self) -> NDArray[np.bool_]:
+        """(S, h) where an angle was measured and its error not."""
+        return np.isnan(self.hinge_std_rad)
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(S, h) where an angle was measured."""
+        return ~np.isinf(self.hinge_std_rad)
+
+
+def stage_data(recordings: Sequence[Recording], noise_std: Mapping[str, float | None], hinge_std_deg: float | None = None) -> StageData:
+    """All stages of the recordings that settled and have at least one hinge angle.
+
+    `noise_std` is that of one sample by channel, as far as the rig's description knows it. `hinge_std_deg` stands in where a stage does not
+    state its own.
+    """
+    kept: list[tuple[int, StaticStage]] = []
+    left: list[Left] = []
+    for number, recording in enumerate(recordings):
+        for stage in recording.static:
+            why = _useless(stage)
+            if why:
+                left.append(Left(number, stage, why))
+            else:
+                kept.append((number, stage))
+    return _arrays(kept, left, noise_std, hinge_std_deg)
+
+
+def _useless(stage: StaticStage) -> str:
+    if stage.settled is False:
+        return "had not settled"
+    return "" if np.isfinite(stage.hinge_deg).any() else "no hinge angle"
+
+
+def _arrays(
+    kept: Sequence[tuple[int, StaticStage]], left: Sequence[Left], noise_std: Mapping[str, float | None], hinge_std_deg: float | None
+) -> StageData:
+    stages = tuple(stage for _, stage in kept)
+    number = np.array([number for number, _ in kept], dtype=np.intp)
+    hinge_deg = np.array([stage.hinge_deg for stage in stages])
+    std_deg = np.array([stage.hinge_std_deg for stage in stages])
+    if hinge_std_deg is not None:
+        std_deg = np.where(np.isnan(std_deg), hinge_std_deg, std_deg)
+    std_deg = np.where(np.isnan(hinge_deg), np.inf, std_deg)
+    others = np.array([(stage.shaft_angle_rad, stage.fy_N, stage.fz_N, stage.tx_Nm) for stage in stages])
+    height_m = np.array([round(stage.height_m, 5) for stage in stages])
+    sample = np.array([noise_std.get(name) or USUAL_NOISE[name] for name in FORCES])
+    stated = np.array([[stage.std.get(name) or usual for name, usual in zip(FORCES, sample, strict=True)] for stage in stages])
+    return StageData(
+        stages=stages,
+        recording=number,
+        height_m=height_m,
+        measured=np.concatenate([np.radians(_filled(hinge_deg)), others], axis=1),
+        hinge_std_rad=np.radians(std_deg),
+        force_std=stated / np.sqrt(MEAN_OF_SAMPLES),
+        sample_noise=sample,
+        turned=_turned(hinge_deg, stages, number),
+        left_out=tuple(left),
+    )
+
+
+def _filled(hinge_deg: Floats) -> Floats:
+    """A guess for what is missing: as the nearest hinges that were seen."""
+    places, filled = np.arange(hinge_deg.shape[1]), hinge_deg.copy()
+    for row in filled:
+        seen = np.isfinite(row)
+        row[~seen] = np.interp(places[~seen], places[seen], row[seen])
+    return filled
+
+
+CLEAR_DEG = 0.5  # a turn beyond doubt
+
+
+def _turned(hinge_deg: Floats, stages: Sequence[StaticStage], number: NDArray[np.intp]) -> Floats:
+    """Against the stage before; the first of a series came from the straight leg."""
+    before = np.zeros_like(hinge_deg)
+    for i in range(1, len(stages)):
+        if not _begins(stages[i - 1], stages[i]) and number[i] == number[i - 1]:
+            before[i] = hinge_deg[i - 1]
+    change = np.nan_to_num(hinge_deg - before)
+    return np.where(np.abs(change) > CLEAR_DEG, np.sign(change), 0.0)
+
+
+def _begins(before: StaticStage, after: StaticStage) -> bool:
+    """Whether a new series begins: another height, or loading after unloading."""
+    return before.height_m != after.height_m or (before.direction == "unloading" and after.direction == "loading")

@@ -1,0 +1,97 @@
+"""Which link ends touch the floor at each stage: supposed, solved, looked at again."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.torque_rotation.adjustment import Adjusted, Point, Unbalanced, adjust
+from rfca_rig.analysis.torque_rotation.balance import Balance, Group
+from rfca_rig.analysis.torque_rotation.stages import StageData
+from rfca_rig.errors import SimulationFailed
+
+Floats = NDArray[np.float64]
+Ends = tuple[int, ...]
+
+DOUBTED = 3.0  # standard deviations of the rack's height
+CLEARLY = 4.0  # standard deviations of fz and of its tare: a load that is one
+NEAR_M = 6e-3  # above the floor: an end that may touch, as far as a photo tells; one in the air does no harm
+SUNK_M = 1e-4
+MOST_ROUNDS = 6
+
+
+def settled(balance: Balance, data: StageData, C: Floats, start: Point, ends: Sequence[Ends]) -> tuple[Adjusted, tuple[Ends, ...]]:
+    """The adjusted stages with the ends (S,) that may touch; begins with `ends`. Raises SimulationFailed."""
+    seen, point = set(), start
+    for _ in range(MOST_ROUNDS):
+        adjusted = _adjusted(balance, data, C, point, ends)
+        seen.add(tuple(ends))
+        depth = _depths(balance, data, adjusted.point.z, adjusted.point.p)
+        found = tuple(_with_deep(own, row) for own, row in zip(ends, depth, strict=True))
+        if found in seen:
+            break
+        ends, point = found, restarted(balance, data, adjusted.point, found)
+    return adjusted, tuple(ends)
+
+
+def _adjusted(balance: Balance, data: StageData, C: Floats, point: Point, ends: Sequence[Ends]) -> Adjusted:
+    try:
+        return adjust(balance, grouped(data, ends), data.measured, C, point)
+    except Unbalanced as error:
+        raise SimulationFailed(
+            f"no balance of moments is found for these {len(data.stages)} stages; {data.label(error.row)} is farthest from one: look for a "
+            "wrong sign, unit or height there or in all stages, or for a slipped decimal point in the leg"
+        ) from None
+
+
+def supposed(balance: Balance, data: StageData, p: Floats) -> tuple[Ends, ...]:
+    """The ends of every stage that the photo shows in or near the floor, and in any case the lowest where the sensor feels a load."""
+    depth = _depths(balance, data, data.measured, p)
+    load_N = balance.weight_N - data.measured[:, data.hinges + 2]
+    pressed = load_N > CLEARLY * np.hypot(data.force_std[:, 1], data.sample_noise[1])
+    heights = [doubt.std for doubt in balance.doubts.each if doubt.name.startswith("height_")]
+    near_m = NEAR_M + DOUBTED * max(heights, default=0.0)
+    low = (depth > -near_m) | (pressed[:, None] & (depth == depth.max(axis=1, keepdims=True)))
+    return tuple(tuple(np.flatnonzero(row).tolist()) for row in low)
+
+
+def pressing(adjusted: Adjusted, stages: int) -> tuple[Ends, ...]:
+    """The ends (S,) that do press."""
+    found: list[Ends] = [()] * stages
+    for group, c in zip(adjusted.groups, adjusted.point.c, strict=True):
+        for row, own in zip(group.rows, c, strict=True):
+            found[row] = tuple(end for end, deep_m in zip(group.ends, own, strict=False) if deep_m > 0.0)
+    return tuple(found)
+
+
+def restarted(balance: Balance, data: StageData, point: Point, ends: Sequence[Ends]) -> Point:
+    """The same angles and curve; the ends share what the sensor feels in proportion to their depth^1.5."""
+    depth = _depths(balance, data, point.z, point.p)
+    h, stiffness = data.hinges, balance.rig.ground.stiffness_N_per_m1p5
+    c = []
+    for group in grouped(data, ends):
+        pressed = np.maximum(depth[group.rows][:, list(group.ends)], SUNK_M) ** 1.5
+        share = pressed / pressed.sum(axis=1, keepdims=True)
+        N = share * np.maximum(balance.weight_N - data.measured[group.rows, h + 2], 1e-2)[:, None]
+        c.append(np.concatenate([(N / stiffness) ** (2.0 / 3.0), -share * data.measured[group.rows, h + 1][:, None]], axis=1))
+    return replace(point, c=tuple(c))
+
+
+def grouped(data: StageData, ends: Sequence[Ends]) -> tuple[Group, ...]:
+    """Stages with the same ends near the floor together, groups in the order of their first stage."""
+    height = np.searchsorted(data.heights_m, data.height_m)
+    groups = []
+    for pattern in dict.fromkeys(ends):
+        rows = np.array([i for i, own in enumerate(ends) if own == pattern], dtype=np.intp)
+        groups.append(Group(rows, pattern, data.height_m[rows], height[rows], data.recording[rows]))
+    return tuple(groups)
+
+
+def _depths(balance: Balance, data: StageData, z: Floats, p: Floats) -> Floats:
+    every = grouped(data, [()] * len(z))[0]
+    return balance.depth_m(balance.mended(z, p, data.recording), p, every)
+
+
+def _with_deep(ends: Ends, depth_m: Floats) -> Ends:
+    return tuple(sorted({*ends, *np.flatnonzero(depth_m > SUNK_M).tolist()}))

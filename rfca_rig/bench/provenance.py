@@ -1,0 +1,72 @@
+"""Where a recording comes from: versions, files and their hashes, the plan, the devices, the clocks."""
+
+import hashlib
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict
+
+import h5py
+import numpy as np
+
+from rfca_rig import __version__
+from rfca_rig.engine.bench import Bench
+from rfca_rig.protocol.plan import Plan
+
+
+def made_by(bench: Bench) -> dict[str, str]:
+    """The software and the machine, and when the run's clock began."""
+    return {
+        "rfca_rig_version": __version__,
+        "python_version": platform.python_version(),
+        "numpy_version": np.__version__,
+        "h5py_version": h5py.__version__,
+        "hdf5_version": h5py.version.hdf5_version,
+        "host": platform.node(),
+        "operating_system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "started_at": bench.clock.started_at().isoformat(),
+    }
+
+
+def files(texts: Mapping[str, str]) -> dict[str, str]:
+    """The text of each file by its name, and its SHA-256."""
+    hashes = {f"{name}_sha256": hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
+    return {**texts, **hashes}
+
+
+def planned(plan: Plan) -> dict[str, str]:
+    """The plan as it was resolved: its stages in their order and its limits, as JSON."""
+    stages = [{"stage": type(stage).__name__, "label": stage.label, **_fields(stage)} for stage in plan.stages]
+    return {"plan": json.dumps(stages), "limits": json.dumps(asdict(plan.limits))}
+
+
+def _fields(stage: object) -> dict[str, object]:
+    return asdict(stage)  # type: ignore[call-overload, no-any-return]
+
+
+def devices(bench: Bench) -> dict[str, str]:
+    """Who measures, each with whether it is real."""
+    parts: dict[str, Mapping[str, str]] = {"motor": bench.motor.identity(), "sensor": bench.sensor.identity()}
+    named = {f"{device}_{name}": text for device, identity in parts.items() for name, text in identity.items()}
+    source = "REAL" if bench.is_real else "SIM"
+    if bench.camera is None:
+        return {**named, "motor_source": source, "sensor_source": source}
+    return {**named, **bench.camera.identity(), "motor_source": source, "sensor_source": source, "camera_source": source}
+
+
+def streams(bench: Bench) -> dict[str, str]:
+    """How whole the sensor's stream was."""
+    health = bench.sensor.health()
+    counted = f"{health.received} received, {health.lost} lost, {health.duplicate} twice, {health.out_of_order} out of order"
+    bad = f"{health.malformed} malformed, {health.faulty_status} with a bad status, {health.saturated} saturated, {health.stalled} stalled"
+    return {"sensor_records": f"{counted}, {bad}"}
+
+
+def ended(bench: Bench, why: str, worst_gap_s: float) -> dict[str, str]:
+    """How the run ended, what the clocks showed then, and how regular the control loop was."""
+    return {
+        "ended": why,
+        "ended_at": bench.clock.wall_time().isoformat(),
+        "lasted_s": f"{bench.clock.now_s():.6f}",
+        "worst_loop_gap_ms": f"{1e3 * worst_gap_s:.3f}",
+    }

@@ -1,0 +1,70 @@
+"""rfca-rig static photos"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rfca_rig.cli.options import Runs
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from rfca_rig.recording.form import StaticStage
+
+
+def photos(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The recording whose stages they are of: a run, or a campaign's folder.")],
+    folder: Annotated[Path, typer.Argument(metavar="PHOTOS", help="A folder with one photo for each stage, named in their order.")],
+    camera: Annotated[
+        Path, typer.Option("--camera", metavar="FILE", help="The camera they were taken with, as calibrate camera wrote it.")
+    ] = Path("calibration/camera.toml"),
+    mark_diameter: Annotated[
+        float | None, typer.Option("--mark-diameter", metavar="MM", min=1, max=100, help="Of the red marks, where the run does not say.")
+    ] = None,
+    runs: Runs = Path("runs"),
+) -> None:
+    """Read hinge angles off photos taken by hand, or anew with a better calibration; the recording with them goes into a new folder.
+
+    Example: rfca-rig static photos runs/REAL-static-001 camera-card/ --camera calibration/camera.toml
+    """
+    from dataclasses import replace
+    from shutil import rmtree
+
+    from rfca_rig.bench.hand_photos import eye_for, with_hand_photos
+    from rfca_rig.campaign.opening import RECORDING_NAME, open_recordings
+    from rfca_rig.cli.places import new_run_folder
+    from rfca_rig.description.toml import read_text
+    from rfca_rig.drivers.photo_folder import photos_in
+    from rfca_rig.recording.store import write_recording
+
+    (recording,) = open_recordings([run])
+    files, eye = photos_in(folder), eye_for(recording, camera, mark_diameter)
+    target = new_run_folder(runs, recording.source, recording.title)
+    try:
+        seen = with_hand_photos(recording, files, eye, target)
+        kept = {"camera_file": read_text(camera), "photos_from": folder.resolve().name}
+        write_recording(replace(seen, provenance={**seen.provenance, **kept}), target / RECORDING_NAME)
+    except BaseException:
+        rmtree(target, ignore_errors=True)
+        raise
+    for line in photo_lines(seen.static):
+        typer.echo(f"{recording.source} {line}", err=True)
+    typer.echo(
+        f"{recording.source} {len(seen.static)} stages with their photos in {target}; next: rfca-rig static report {target}", err=True
+    )
+
+
+def photo_lines(stages: "Sequence[StaticStage]") -> "Iterator[str]":
+    """What the photo of each stage showed, and what it did not."""
+    for stage in stages:
+        if stage.photo:
+            angles = " ".join(_with_std(*one) for one in zip(stage.hinge_deg, stage.hinge_std_deg, strict=True))
+            doubts = f"; {stage.photo_doubts}" if stage.photo_doubts else ""
+            yield f"{stage.photo}, stage {stage.stage} at {1e3 * stage.height_m:g} mm: hinges {angles} deg{doubts}"
+
+
+def _with_std(angle_deg: float, std_deg: float) -> str:
+    from math import isnan
+
+    return "?" if isnan(angle_deg) else f"{angle_deg:.2f}+-{std_deg:.2f}"

@@ -1,0 +1,81 @@
+"""rfca-rig static report"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rfca_rig.cli.options import Json, Model
+
+if TYPE_CHECKING:
+    from rfca_rig.analysis.torque_rotation.static_result import StaticResult
+    from rfca_rig.recording.form import Recording
+
+HINGE_STD = typer.Option("--hinge-std-deg", min=1e-4, max=10, help="One standard deviation of a hinge angle, where the stages do not say.")
+MARKS = typer.Option("--marks-deg", min=0, max=5, help="How far a hinge's zero may be off because a mark sits beside its axis.")
+GAIN = typer.Option("--force-gain-pct", min=0, max=20, help="One standard deviation of the force sensor's gain, in %; 0 counts as exact.")
+
+
+def report(
+    paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, or .h5 files.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for static.html, the tables and model.toml.")] = Path(
+        "static-report"
+    ),
+    model: Model = None,
+    hinge_std_deg: Annotated[float | None, HINGE_STD] = None,
+    marks_deg: Annotated[float, MARKS] = 0.1,
+    force_gain_pct: Annotated[float, GAIN] = 0.0,
+    as_json: Json = False,
+) -> None:
+    """The hinges' torque over rotation from photographed static stages: curve, stiffness, errors, checks, and a model file with them.
+
+    Example: rfca-rig static report runs/SIM-static-stages-of-the-shaft-angle-001 --out static-report
+    """
+    import json
+
+    from rfca_rig.analysis.torque_rotation.doubts import Instruments
+    from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
+    from rfca_rig.campaign.opening import open_recordings
+    from rfca_rig.report.static_files import summary
+    from rfca_rig.report.static_source import static_sources
+    from rfca_rig.report.static_writing import write_static_report
+
+    recordings = open_recordings(paths)
+    believed, known_to = _held_against(recordings, model)
+    instruments = Instruments(0.01 * force_gain_pct, marks_deg)
+    result = evaluate(recordings, Supposition(believed, known_to, instruments, hinge_std_deg))
+    write_static_report(result, static_sources(paths, recordings), out, believed, known_to, model.name if model else None)
+    if as_json:
+        typer.echo(json.dumps(summary(result), indent=1))
+    else:
+        _say(result, out)
+
+
+def _held_against(recordings: "Sequence[Recording]", model: Path | None) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    from rfca_rig.description.model_file import read_model_file
+    from rfca_rig.errors import BadInput
+
+    if model is not None:
+        given = read_model_file(model)
+        return given.believed(), given.known_to.model_dump(exclude_none=True)
+    first = recordings[0]
+    for other in recordings[1:]:
+        if other.believed != first.believed or other.known_to != first.known_to:
+            raise BadInput(f"{other.title!r} believes other values of the rig than {first.title!r}; give one model for both with --model")
+    if not first.believed:
+        raise BadInput(f"{first.title!r} does not say what leg it is of; give a model with --model")
+    return first.believed, first.known_to
+
+
+def _say(result: "StaticResult", out: Path) -> None:
+    from rfca_rig.analysis.torque_rotation.remarks import remarks
+
+    values = result.values
+    for line in remarks(result):
+        typer.echo(line, err=True)
+    typer.echo(
+        f"{out / 'static.html'}: k0 {values.k0_Nm_per_rad:.3f} +- {values.reach * values.k0_std:.3f} N m/rad, "
+        f"k2 {values.k2_per_rad2:.3f} +- {values.reach * values.k2_std:.3f} 1/rad2 (95 %)",
+        err=True,
+    )

@@ -1,0 +1,162 @@
+"""Whether a run on disk is what was recorded: every file by its hash, every stage by its counts."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rfca_rig.errors import BadInput
+from rfca_rig.recording.form import Recording, Stream
+from rfca_rig.recording.journal import whole_blocks
+from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGES, SUMS, journals, stage_files
+from rfca_rig.recording.run_folder import read_stages
+from rfca_rig.recording.run_text import events_of, read_ending, read_header
+from rfca_rig.recording.stage_file import samples_in
+from rfca_rig.recording.store import read_recording
+from rfca_rig.recording.sums import read_sums, sha256_of
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One file by its path in the run's folder, what was found, and whether that is as it should be."""
+
+    file: str
+    words: str
+    is_sound: bool = True
+
+
+def check_run(folder: Path) -> Iterator[Finding]:
+    """A finding per file, in the order in which a run writes them. Raises BadInput where `folder` holds no run."""
+    if not (folder / HEADER).is_file():
+        yield from _check_older(folder)
+        return
+    sums = _Sums(folder)
+    yield sums.finding(HEADER, partial(_title, folder))
+    events = sums.finding(EVENTS, lambda: f"{len(events_of(folder))} events")
+    yield events
+    yield from _check_stages(folder, sums, events_of(folder) if events.is_sound else [])
+    yield from (_check_journal(folder, journal) for journal in journals(folder))
+    if (folder / ENDING).is_file():
+        yield sums.finding(ENDING, partial(_ending, folder))
+    if (folder / RECORDING).is_file():
+        yield sums.finding(RECORDING, partial(_like_its_stages, folder))
+    yield from sums.rest()
+
+
+def _check_older(folder: Path) -> Iterator[Finding]:
+    """A run of an older version is one recording, or parts of one."""
+    files = sorted((*folder.glob("*.h5"), *folder.glob("*.h5.partial/*.h5")))
+    if not files:
+        raise BadInput(f"{folder}: holds no run")
+    for file in files:
+        yield _guarded(file.relative_to(folder).as_posix(), partial(_opened, file))
+
+
+class _Sums:
+    """The hashes that the run's end wrote down, each used once; a run that has not ended has none."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._damage: Finding | None = None
+        try:
+            self._sums = read_sums(folder)
+        except BadInput as error:
+            self._sums, self._damage = {}, Finding(SUMS, str(error), False)
+
+    def finding(self, name: str, look: Callable[[], str]) -> Finding:
+        """What `look` finds in a file whose hash is right."""
+        if not (self._folder / name).is_file():
+            self._sums.pop(name, None)
+            return Finding(name, "is missing", False)
+        expected = self._sums.pop(name, "")
+        if expected and expected != sha256_of(self._folder / name):
+            return Finding(name, "is not what was written: its SHA-256 is another", False)
+        return _guarded(name, look)
+
+    def rest(self) -> Iterator[Finding]:
+        """Files that have a hash and nothing else to be looked at, such as photos."""
+        if self._damage:
+            yield self._damage
+        for name in list(self._sums):
+            yield self.finding(name, lambda: "as it was written")
+
+
+def _check_stages(folder: Path, sums: _Sums, events: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+    """The stages that the events say are on disk, and what else is there."""
+    said = {event["file"]: event for event in events if "file" in event}
+    there = {f"{STAGES}/{file.name}" for file in stage_files(folder)}
+    for name in sorted(there | set(said)):
+        yield sums.finding(name, partial(_as_said, folder / name, said.get(name)))
+
+
+def _as_said(path: Path, said: Mapping[str, Any] | None) -> str:
+    stage = read_recording(path)
+    if said is not None and said["samples"] != samples_in(stage):
+        raise BadInput(f"{path}: holds {samples_in(stage)} samples, where {said['samples']} were recorded")
+    if said is not None and said["sha256"] != sha256_of(path):
+        raise BadInput(f"{path}: is not what was recorded: its SHA-256 is another")
+    return f"{_counted(stage)}{_lost(stage)}"
+
+
+def _check_journal(folder: Path, journal: Path) -> Finding:
+    content = journal.read_bytes()
+    blocks, used = whole_blocks(content)
+    words = f"a stage in progress, {len(blocks)} whole blocks; {len(content) - used} bytes behind them; type rfca-rig recover {folder}"
+    return Finding(f"{STAGES}/{journal.name}", words)
+
+
+def _like_its_stages(folder: Path) -> str:
+    found = read_recording(folder / RECORDING)
+    try:
+        stages = read_stages(folder)
+    except BadInput:
+        return f"{_counted(found)}; not held against its stages, of which some are damaged"
+    if _counted(found) != _counted(stages):
+        raise BadInput(f"{folder / RECORDING}: holds {_counted(found)}, its stages {_counted(stages)}")
+    return _counted(found)
+
+
+def _title(folder: Path) -> str:
+    header = read_header(folder)
+    return f"{header.source} {header.title}"
+
+
+def _ending(folder: Path) -> str:
+    ending = read_ending(folder)
+    return "" if ending is None else ending.provenance.get("ended", "recovered")
+
+
+def _opened(file: Path) -> str:
+    return _counted(read_recording(file))
+
+
+def _counted(found: Recording) -> str:
+    samples = sum(len(stream.t_s) for stream in _streams(found))
+    return f"{len(found.strokes)} strokes, {len(found.static)} static stages, {len(found.raw)} raw, {samples} samples"
+
+
+def _lost(stage: Recording) -> str:
+    """What the device's own numbers say is missing between the first sample and the last."""
+    return "".join(f", {missing} records missing on the way" for stream in _streams(stage) if (missing := _missing(stream)))
+
+
+def _streams(stage: Recording) -> Iterator[Stream]:
+    for stroke in stage.strokes:
+        yield from stroke.streams.values()
+    for raw in stage.raw:
+        yield from raw.streams.values()
+
+
+def _missing(stream: Stream) -> int:
+    numbers = stream.columns.get("rdt_sequence")
+    if numbers is None or not len(numbers.raw):
+        return 0
+    return int(numbers.raw[-1] - numbers.raw[0]) + 1 - len(numbers.raw)
+
+
+def _guarded(name: str, look: Callable[[], str]) -> Finding:
+    try:
+        return Finding(name, look())
+    except BadInput as error:
+        return Finding(name, str(error), False)

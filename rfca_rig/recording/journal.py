@@ -1,0 +1,64 @@
+"""A stage in progress as it goes to disk: blocks one after the other, each with its length and a checksum.
+
+A block is handed from the control loop to the recorder in the very bytes that the journal keeps. What stands behind the last whole
+block, after a crash or a power cut, is passed over.
+"""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+
+_HEAD = struct.Struct("<2sBxII")
+_MARK = b"RB"
+
+
+class Kind(IntEnum):
+    """What a block says. All but SAMPLES are JSON."""
+
+    BEGIN = 1
+    START = 2
+    SAMPLES = 3
+    END = 4
+    EVENT = 5
+
+
+_KINDS = {int(kind) for kind in Kind}
+
+
+@dataclass(frozen=True)
+class Block:
+    """One message of the control loop."""
+
+    kind: Kind
+    payload: bytes
+
+
+def framed(block: Block) -> bytes:
+    """The block with its head: mark, kind, length and CRC-32, 12 bytes little endian."""
+    return _HEAD.pack(_MARK, block.kind, len(block.payload), _checksum(block.kind, block.payload)) + block.payload
+
+
+def whole_blocks(content: bytes) -> tuple[list[Block], int]:
+    """The blocks from the beginning up to the first that is torn or damaged, and how many bytes they take."""
+    blocks, used = [], 0
+    for block in _blocks(memoryview(content)):
+        blocks.append(block)
+        used += _HEAD.size + len(block.payload)
+    return blocks, used
+
+
+def _blocks(content: memoryview) -> Iterator[Block]:
+    at = 0
+    while len(content) - at >= _HEAD.size:
+        mark, kind, length, checksum = _HEAD.unpack_from(content, at)
+        payload = bytes(content[at + _HEAD.size : at + _HEAD.size + length])
+        if mark != _MARK or len(payload) != length or checksum != _checksum(kind, payload) or kind not in _KINDS:
+            return
+        yield Block(Kind(kind), payload)
+        at += _HEAD.size + length
+
+
+def _checksum(kind: int, payload: bytes) -> int:
+    return zlib.crc32(payload, kind)

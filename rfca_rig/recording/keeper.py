@@ -1,0 +1,49 @@
+"""Who the control loop hands its blocks to: a process of its own, or, where nothing is real, whoever asked for them."""
+
+from pathlib import Path
+from typing import Protocol
+
+from rfca_rig.errors import DiskFull
+from rfca_rig.recording.journal import Block
+from rfca_rig.recording.run_writer import RunWriter
+
+
+class Keeper(Protocol):
+    """Keeps a run; `acknowledged` stages are on disk."""
+
+    @property
+    def acknowledged(self) -> int: ...
+
+    def give(self, block: Block) -> None:
+        """Hands over. Raises what ends the run: DiskFull, Tripped where the recorder cannot keep up, RigError where it is no more."""
+        ...
+
+    def finish(self, why: str) -> None:
+        """Returns when everything is on disk; a stage in progress is cut short, because of `why`.
+
+        May be called any number of times. Raises RigError where something could not be kept.
+        """
+        ...
+
+
+class DirectKeeper:
+    """Writes at once, in the caller's own time: for tests, and systems on which no process can be started."""
+
+    def __init__(self, folder: Path) -> None:
+        self._writer = RunWriter(folder)
+        self._is_open = True
+
+    @property
+    def acknowledged(self) -> int:
+        return self._writer.acknowledged
+
+    def give(self, block: Block) -> None:
+        self._writer.take(block)
+        self._writer.flush()
+        if self._writer.complaint:
+            raise DiskFull(self._writer.complaint)
+
+    def finish(self, why: str) -> None:
+        if self._is_open:
+            self._is_open = False
+            self._writer.close(why)

@@ -1,0 +1,41 @@
+"""Runs that an older version left unfinished: a folder `run.h5.partial` with one small recording per stroke or stage."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from rfca_rig.errors import BadInput
+from rfca_rig.recording.form import Recording
+from rfca_rig.recording.run_folder import INTERRUPTED, merged
+from rfca_rig.recording.store import read_recording, write_recording
+
+PARTIAL = ".partial"
+
+
+def partial_of(path: Path) -> Path:
+    """The folder that holds the recording while it is not finished; `path` is where the finished file would be."""
+    return path.with_name(path.name + PARTIAL)
+
+
+def read_partial(path: Path) -> Recording:
+    """What was recorded of a run that never finished; its provenance says so."""
+    parts = [read_recording(part) for part in sorted(partial_of(path).glob("*.h5"))]
+    if not parts:
+        raise BadInput(f"{partial_of(path)}: holds no recording; the run was interrupted before it began")
+    found = merged(parts[0], parts[1:])
+    said = f"the run ended without being finished, after {len(found.strokes)} strokes and {len(found.static)} static stages"
+    return replace(found, provenance={**found.provenance, INTERRUPTED: said})
+
+
+def recover_partial(path: Path) -> Path:
+    """Makes `path` from its partial folder, with everything that had been added. Returns `path`.
+
+    Where the crash came when `path` was whole already, only the leftovers go: a recording is never written over.
+    """
+    if path.is_file():
+        read_recording(path)
+    else:
+        write_recording(read_partial(path), path)
+    for file in partial_of(path).iterdir():
+        file.unlink()
+    partial_of(path).rmdir()
+    return path

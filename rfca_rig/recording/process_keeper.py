@@ -1,0 +1,121 @@
+"""The control loop's end of the recorder process: handing over costs microseconds, and nothing is ever lost in silence."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from rfca_rig.clock import WallClock
+from rfca_rig.errors import DiskFull, RigError, Tripped
+from rfca_rig.recording.block_queue import BlockQueue
+from rfca_rig.recording.journal import Block, framed
+from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, Assignment, started
+
+QUEUE_BYTES = 16 << 20  # 20 s of a sensor at 15 kHz
+PATIENT_QUEUE_BYTES = 1 << 20  # less than the ballast: a rig faster than real time fills any queue before it hears of a full disk
+STARTED_WITHIN_S = 30.0
+FINISHED_WITHIN_S = 120.0
+PAUSE_S = 0.002
+
+
+def can_be_started() -> bool:
+    """Whether this system lets a process inherit a socket."""
+    return sys.platform != "win32"
+
+
+class ProcessKeeper:
+    """Implements `keeper.Keeper` with a process of its own, which survives this one.
+
+    A recorder that falls so far behind that the queue is full ends the run. With `patient`, for rigs whose time stands still
+    meanwhile, the caller waits for it instead.
+    """
+
+    def __init__(self, folder: Path, patient: bool, queue_bytes: int = 0) -> None:
+        """Returns when the process is ready. `queue_bytes` 0 leaves the size of the queue to it. Raises RigError where it cannot be."""
+        self._folder = folder
+        self._patient = patient
+        self._clock = WallClock()
+        self._queue = BlockQueue.create(queue_bytes or (PATIENT_QUEUE_BYTES if patient else QUEUE_BYTES))
+        self._acknowledged = 0
+        self._fault = ""
+        self._complaint = ""
+        try:
+            self._process, self._child = started(Assignment(folder, self._queue.name))
+        except OSError as error:
+            self._queue.remove()
+            raise RigError(f"{folder}: no process can be started to record: {error}") from error
+        what, said = self._heard(STARTED_WITHIN_S)
+        if what != READY:
+            self._let_go()
+            raise RigError(f"the recorder of {folder}: {said}")
+
+    @property
+    def process_id(self) -> int:
+        """Of the recorder, for watching its cost."""
+        return self._process.pid
+
+    @property
+    def acknowledged(self) -> int:
+        return self._acknowledged if self._child.closed else self._queue.acknowledged
+
+    def give(self, block: Block) -> None:
+        content = framed(block)
+        self._check()
+        if self._queue.has_complained:
+            raise self._complained()
+        while not self._queue.put(content):
+            if not self._patient:
+                raise Tripped(
+                    f"the recorder is {1e-6 * self._queue.waiting:.1f} MB behind and its queue is full: the disk under {self._folder} is "
+                    "too slow, or the machine too busy; record to another disk"
+                )
+            self._wait()
+
+    def _wait(self) -> None:
+        """For room, as long as there is somebody who makes it."""
+        self._clock.wait_until(self._clock.now_s() + PAUSE_S)
+        self._check()
+        if self._queue.has_complained:
+            raise self._complained()
+
+    def _check(self) -> None:
+        if self._process.poll() is not None:
+            raise RigError(f"the recorder has ended by itself; what it had kept is in {self._folder}: type rfca-rig recover {self._folder}")
+
+    def _complained(self) -> RigError:
+        if not self._complaint:
+            self._complaint = self._heard(1.0)[1]
+        return (DiskFull if "disk full" in self._complaint else RigError)(self._complaint)
+
+    def _heard(self, within_s: float) -> tuple[str, str]:
+        try:
+            if self._child.poll(within_s):
+                what, words = self._child.recv()
+                return what, words
+        except (EOFError, OSError):
+            return DONE, "it ended by itself"
+        return DONE, f"no word within {within_s:g} s"
+
+    def finish(self, why: str) -> None:
+        if not self._child.closed:
+            self._fault = self._farewell(why)
+            self._let_go()
+        if self._fault:
+            raise RigError(f"the recorder of {self._folder}: {self._fault}")
+
+    def _farewell(self, why: str) -> str:
+        try:
+            self._child.send(why)
+        except OSError:
+            return "it ended by itself"
+        what, words = self._heard(FINISHED_WITHIN_S)
+        return self._heard(FINISHED_WITHIN_S)[1] if what == COMPLAINT else words
+
+    def _let_go(self) -> None:
+        self._acknowledged = self._queue.acknowledged
+        self._child.close()
+        try:
+            self._process.wait(STARTED_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._queue.remove()

@@ -1,0 +1,39 @@
+"""Samples of stages that are no strokes, as HDF5 groups of streams like those of a stroke."""
+
+from collections.abc import Sequence
+
+import h5py
+
+from rfca_rig.recording import nexus
+from rfca_rig.recording.form import RawStage, Source
+from rfca_rig.recording.strokes import height_mm, read_streams, write_streams
+
+GROUP = "raw"
+
+
+def write_raw_stages(parent: h5py.Group, stages: Sequence[RawStage], source: Source) -> None:
+    """raw/001, raw/002 ... in the order given; no group where there are none."""
+    if not stages:
+        return
+    parent = parent.create_group(GROUP)
+    nexus.mark_entry(parent)
+    for number, stage in enumerate(stages, start=1):
+        group = parent.create_group(f"{number:03d}")
+        group.attrs["label"] = stage.label
+        group.attrs["height_mm"] = height_mm(stage.height_m)
+        group.attrs["cut_short"] = stage.cut_short
+        write_streams(group, stage.streams, source)
+
+
+def read_raw_stages(parent: h5py.Group, source: Source) -> tuple[RawStage, ...]:
+    """The stages in their order; () where there are none."""
+    if GROUP not in parent:
+        return ()
+    group = parent[GROUP]
+    return tuple(_read(group[number], source) for number in sorted(group, key=int))
+
+
+def _read(group: h5py.Group, source: Source) -> RawStage:
+    attributes = group.attrs
+    height_m = float(attributes["height_mm"]) / 1e3
+    return RawStage(str(attributes["label"]), height_m, read_streams(group, source), str(attributes["cut_short"]))

@@ -1,0 +1,38 @@
+"""SHA-256 of every file of a finished run, in the form that sha256sum writes and checks."""
+
+import hashlib
+from pathlib import Path
+
+from rfca_rig.errors import BadInput
+from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.recording.layout import BALLAST, SUMS, WRITING
+
+
+def write_sums(folder: Path) -> None:
+    """`SHA256SUMS`, the last file of a run."""
+    files = sorted(file for file in folder.rglob("*") if file.is_file() and _belongs(file))
+    lines = [f"{sha256_of(file)}  {file.relative_to(folder).as_posix()}\n" for file in files]
+    write_atomically(folder / SUMS, "".join(lines).encode())
+
+
+def _belongs(file: Path) -> bool:
+    return file.name not in (SUMS, BALLAST) and file.suffix != WRITING
+
+
+def read_sums(folder: Path) -> dict[str, str]:
+    """Hash by path from the folder; nothing for a run that has not been finished. Raises BadInput for lines that are none."""
+    path = folder / SUMS
+    if not path.is_file():
+        return {}
+    sums = {}
+    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+        hashed, _, name = line.partition("  ")
+        if len(hashed) != hashlib.sha256().digest_size * 2 or not name:
+            raise BadInput(f"{path}:{number}: is no line of sha256sum")
+        sums[name] = hashed
+    return sums
+
+
+def sha256_of(file: Path) -> str:
+    with file.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()

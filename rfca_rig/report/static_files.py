@@ -1,0 +1,141 @@
+"""The static experiment for other programs: stages.csv, curve.csv, and static.json as rfca-static/1."""
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
+from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
+from rfca_rig.analysis.torque_rotation.remarks import remarks
+from rfca_rig.analysis.torque_rotation.static_result import StaticResult
+from rfca_rig.report.static_source import StaticSource
+
+FORMAT = "rfca-static/1"
+GRID = 101
+
+
+def stages_csv(result: StaticResult, sources: Sequence[StaticSource]) -> str:
+    """A line for each stage and hinge: readings, angle, torque, their standard deviations, the curve's torque, and the ends that touch."""
+    return _table(
+        {
+            "source": sources[result.data.recording[row]].name,
+            "height_mm": _rounded(1e3 * stage.height_m, 3),
+            "stage": stage.stage,
+            "direction": stage.direction,
+            "shaft_angle_rad": _rounded(stage.shaft_angle_rad, 6),
+            "fy_N": _rounded(stage.fy_N, 4),
+            "fz_N": _rounded(stage.fz_N, 4),
+            "tx_Nm": _rounded(stage.tx_Nm, 5),
+            "links_touching": " ".join(str(end + 1) for end in result.found.ends[row]),
+            "hinge": hinge + 2,
+            **_angle(result, row, hinge),
+        }
+        for row, stage in enumerate(result.data.stages)
+        for hinge in range(result.data.hinges)
+    )
+
+
+def _angle(result: StaticResult, row: int, hinge: int) -> dict[str, Any]:
+    points = result.points
+    phi = points.phi_rad[row, hinge]
+    return {
+        "angle_deg": _rounded(np.degrees(phi), 4),
+        "angle_std_deg": _rounded(np.degrees(points.phi_std_rad[row, hinge]), 4),
+        "torque_Nm": _rounded(points.torque_Nm[row, hinge], 5),
+        "torque_std_Nm": _rounded(points.torque_std_Nm[row, hinge], 5),
+        "curve_torque_Nm": _rounded(result.curve.torque_Nm(np.array([phi]))[0][0], 5),
+        "turned": {1.0: "bending", -1.0: "unbending"}.get(float(points.turned[row, hinge]), ""),
+    }
+
+
+def curve_csv(result: StaticResult) -> str:
+    """The curve over its range: torque and stiffness with standard deviations and the borders of the 95 % band."""
+    return _table(_curve_rows(result.curve))
+
+
+def _curve_rows(curve: TorqueCurve) -> Iterable[dict[str, Any]]:
+    grid = curve.grid_rad(GRID)
+    columns = (grid, *curve.torque_Nm(grid), *curve.stiffness_Nm_per_rad(grid))
+    for phi, torque, torque_std, stiffness, stiffness_std in zip(*columns, strict=True):
+        half, stiff_half = curve.reach * torque_std, curve.reach * stiffness_std
+        yield {
+            "angle_deg": _rounded(np.degrees(phi), 5),
+            "torque_Nm": _rounded(torque, 6),
+            "torque_std_Nm": _rounded(torque_std, 6),
+            "torque_low_Nm": _rounded(torque - half, 6),
+            "torque_high_Nm": _rounded(torque + half, 6),
+            "stiffness_Nm_per_rad": _rounded(stiffness, 5),
+            "stiffness_std_Nm_per_rad": _rounded(stiffness_std, 5),
+            "stiffness_low_Nm_per_rad": _rounded(stiffness - stiff_half, 5),
+            "stiffness_high_Nm_per_rad": _rounded(stiffness + stiff_half, 5),
+        }
+
+
+def static_json(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[Foretold]) -> str:
+    """The document; what is not known is null."""
+    document = {
+        "format": FORMAT,
+        "sources": [{"name": source.name, "source": source.recording.source} for source in sources],
+        **summary(result),
+        "hinges": [{"hinge": c.hinge, "stiffer_relative": _rounded(c.stiffer, 6), "std": _rounded(c.std, 6)} for c in result.hinges],
+        "common": [
+            {"what": d.says, "unit": d.unit, "value": _rounded(d.value, 6), "std": _rounded(d.std, 6), "known_to": _rounded(d.prior_std, 6)}
+            for d in result.doubts
+        ],
+        "elastica": [
+            {"holds": e.says, "free_mm": _rounded(1e3 * e.free_m, 3), "k0_Nm_per_rad": _rounded(e.k0_Nm_per_rad, 5),
+             "k2_per_rad2": _rounded(e.k2_per_rad2, 5)}
+            for e in elastica
+        ],
+        "curve": list(_curve_rows(result.curve)),
+    }  # fmt: skip
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def summary(result: StaticResult) -> dict[str, Any]:
+    """The values, their intervals, and what has to be said of them."""
+    values, form, errors, loop = result.values, result.form, result.found.errors, result.loop
+    low, high = sorted(abs(float(np.degrees(angle))) for angle in result.curve.range_rad)
+    return {
+        "stages": len(result.data.stages),
+        "angles": int(result.data.seen.sum()),
+        "range_deg": [_rounded(low, 3), _rounded(high, 3)],
+        "k0_Nm_per_rad": _value(values.k0_Nm_per_rad, values.k0_std, values.reach),
+        "k2_per_rad2": _value(values.k2_per_rad2, values.k2_std, values.reach),
+        "correlation": _rounded(values.correlation, 4),
+        "law": {
+            "holds": form.holds, "chance": float(f"{form.chance:.3g}"), "apart_Nm": _rounded(form.apart_Nm, 5),
+            "apart_relative": _rounded(form.apart_relative, 5), "at_deg": _rounded(np.degrees(form.at_rad), 3),
+        },
+        "loop": None if loop is None else {"half_Nm": _rounded(loop.half_Nm, 6), "std_Nm": _rounded(loop.std_Nm, 6), "seen": loop.seen},
+        "noise": {
+            "hinge_deg": _rounded(np.degrees(errors.hinge_std_rad), 4) if (result.data.unstated & result.data.seen).any() else None,
+            "stated_angles_times": _rounded(errors.stated_factor, 4) if (~result.data.unstated & result.data.seen).any() else None,
+            "fz_N": _rounded(errors.force_factor * float(np.median(result.data.force_std[:, 1])), 5),
+        },
+        "remarks": remarks(result),
+    }  # fmt: skip
+
+
+def _value(value: float, std: float, reach: float) -> dict[str, Any]:
+    return {
+        "value": _rounded(value, 6),
+        "std": _rounded(std, 6),
+        "interval_95": [_rounded(value - reach * std, 6), _rounded(value + reach * std, 6)],
+    }
+
+
+def _rounded(value: Any, digits: int) -> float | None:
+    return round(float(value), digits) + 0.0 if np.isfinite(value) else None
+
+
+def _table(rows: Iterable[Mapping[str, Any]]) -> str:
+    out, listed = io.StringIO(), list(rows)
+    writer = csv.DictWriter(out, list(listed[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(listed)
+    return out.getvalue()

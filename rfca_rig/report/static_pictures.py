@@ -1,0 +1,141 @@
+"""Torque over rotation and its derivative, in the manner of the paper's Fig. 7 (b), and what single angles leave of them."""
+
+from collections.abc import Callable, Sequence
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
+from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
+from rfca_rig.analysis.torque_rotation.static_result import StaticResult
+from rfca_rig.report.inline_svg import inline_svg
+from rfca_rig.report.overlay import FAINT, MEASURED, SIMULATED, SIMULATED_EDGE, STYLE
+
+Floats = NDArray[np.float64]
+
+SIZE_IN = (4.9, 3.7)
+LOW_IN = (10.0, 2.3)
+BOX = (0.125, 0.135, 0.86, 0.835)
+LOW_BOX = (0.075, 0.215, 0.916, 0.735)
+SECOND = "#9a3a6a"
+DASHES: dict[str, tuple[int, tuple[float, ...]]] = {
+    "other": (0, (3.2, 1.8)),
+    "link": (0, (1.0, 1.6)),
+    "held": (0, (6.0, 2.0)),
+    "k0": (0, (2.0, 1.2)),
+}
+FORETOLD_STYLES = ("held", "link", "k0")
+
+
+def torque_picture(result: StaticResult, elastica: Sequence[Foretold]) -> str:
+    """Every measured angle with its torque, the curve with its band, the other form dashed, the elastica thin."""
+
+    def draw(axes: Axes) -> None:
+        _foretold(axes, elastica, lambda one: one.torque_Nm)
+        _curve(axes, result.curve, result.curve.torque_Nm, flips=True)
+        other = result.free if result.form.holds else result.law
+        grid = other.grid_rad()
+        axes.plot(_deg(other, grid), other.bends * other.torque_Nm(grid)[0], color=SECOND, lw=1.0, ls=DASHES["other"])
+        _points(axes, result)
+        axes.set_ylim(*_limits(result))
+        axes.set_ylabel("torque of a hinge (N m)")
+
+    return _drawn(draw, SIZE_IN, BOX, "torque", "torque of a hinge over its rotation, measured points, curve with band, elastica")
+
+
+def stiffness_picture(result: StaticResult, elastica: Sequence[Foretold]) -> str:
+    """The derivative with its band, the same forms."""
+
+    def draw(axes: Axes) -> None:
+        _foretold(axes, elastica, lambda one: one.stiffness_Nm_per_rad)
+        _curve(axes, result.curve, result.curve.stiffness_Nm_per_rad, flips=False)
+        other = result.free if result.form.holds else result.law
+        grid = other.grid_rad()
+        axes.plot(_deg(other, grid), other.stiffness_Nm_per_rad(grid)[0], color=SECOND, lw=1.0, ls=DASHES["other"])
+        axes.set_ylim(bottom=0.0)
+        axes.set_ylabel("equivalent stiffness (N m/rad)")
+
+    return _drawn(draw, SIZE_IN, BOX, "stiffness", "equivalent stiffness of a hinge over its rotation, with band")
+
+
+def rest_picture(result: StaticResult) -> str:
+    """What every angle leaves of the curve, in newton metres, with its error from angle and forces together."""
+    curve, points = result.curve, result.points
+
+    def draw(axes: Axes) -> None:
+        phi = points.phi_rad.ravel()
+        known = np.isfinite(phi)
+        phi = phi[known]
+        off = curve.bends * (points.torque_Nm.ravel()[known] - curve.torque_Nm(phi)[0])
+        std = np.hypot(points.torque_std_Nm.ravel()[known], curve.stiffness_Nm_per_rad(phi)[0] * points.phi_std_rad.ravel()[known])
+        x, back = _deg(curve, phi), points.turned.ravel()[known] < 0
+        grid = curve.grid_rad()
+        band = curve.reach * curve.torque_Nm(grid)[1]
+        axes.fill_between(_deg(curve, grid), -band, band, color=SIMULATED, alpha=0.55, lw=0)
+        axes.axhline(0.0, color=SIMULATED, lw=1.4)
+        if result.loop is not None and result.loop.seen:
+            for half_Nm in (-result.loop.half_Nm, result.loop.half_Nm):
+                axes.axhline(half_Nm, color=SIMULATED_EDGE, lw=0.7, ls=DASHES["k0"])
+        axes.vlines(x, off - std, off + std, color=MEASURED, lw=0.5, alpha=0.6)
+        _dots(axes, x, off, back)
+        axes.set_xlim(left=0.0)
+        axes.set_ylabel("off the curve (N m)")
+
+    return _drawn(draw, LOW_IN, LOW_BOX, "rest", "measured torques less the curve, over rotation")
+
+
+def _drawn(
+    draw: Callable[[Axes], None], size_in: tuple[float, float], box: tuple[float, float, float, float], salt: str, label: str
+) -> str:
+    with mpl.rc_context():
+        mpl.rcdefaults()  # a reader's own matplotlibrc must not change the page
+        mpl.rcParams.update(STYLE)
+        figure = Figure(figsize=size_in)
+        axes = figure.add_axes(box)
+        draw(axes)
+        axes.set_xlabel("rotation of the hinge (degrees)")
+        return inline_svg(figure, f"static {salt}", label)
+
+
+def _deg(curve: TorqueCurve, phi_rad: Floats) -> Floats:
+    return np.asarray(np.degrees(curve.bends * phi_rad))
+
+
+def _curve(axes: Axes, curve: TorqueCurve, of: Callable[[Floats], tuple[Floats, Floats]], *, flips: bool) -> None:
+    grid = curve.grid_rad()
+    value, std = of(grid)
+    value, x = value * (curve.bends if flips else 1.0), _deg(curve, grid)
+    axes.fill_between(x, value - curve.reach * std, value + curve.reach * std, color=SIMULATED, alpha=0.55, lw=0)
+    axes.plot(x, value, color=SIMULATED, lw=2.4, solid_capstyle="round")
+    axes.set_xlim(min(0.0, float(x.min())), float(x.max()) * 1.02)
+
+
+def _foretold(axes: Axes, elastica: Sequence[Foretold], of: Callable[[Foretold], Floats]) -> None:
+    for one, style in zip(elastica, FORETOLD_STYLES, strict=False):
+        axes.plot(np.degrees(one.phi_rad), of(one), color=FAINT, lw=1.0, ls=DASHES[style])
+
+
+def _points(axes: Axes, result: StaticResult) -> None:
+    curve, points = result.curve, result.points
+    known = np.isfinite(points.phi_rad)
+    x, y = _deg(curve, points.phi_rad[known]), curve.bends * points.torque_Nm[known]
+    dx, dy = np.degrees(points.phi_std_rad[known]), points.torque_std_Nm[known]
+    axes.hlines(y, x - dx, x + dx, color=MEASURED, lw=0.5, alpha=0.6)
+    axes.vlines(x, y - dy, y + dy, color=MEASURED, lw=0.5, alpha=0.6)
+    _dots(axes, x, y, points.turned[known] < 0)
+
+
+def _dots(axes: Axes, x: Floats, y: Floats, back: NDArray[np.bool_]) -> None:
+    """Hinges that had turned back hollow."""
+    axes.plot(x[~back], y[~back], ls="", marker="o", ms=2.6, mfc=MEASURED, mec=MEASURED, mew=0.5)
+    axes.plot(x[back], y[back], ls="", marker="o", ms=4.2, mfc="#fffefb", mec=MEASURED, mew=0.8)
+
+
+def _limits(result: StaticResult) -> tuple[float, float]:
+    """All of the measured points, whatever the elastica does."""
+    torque = result.curve.bends * result.points.torque_Nm[np.isfinite(result.points.torque_Nm)]
+    low, high = min(0.0, float(torque.min())), float(torque.max())
+    return low - 0.02 * (high - low), high + 0.07 * (high - low)

@@ -1,0 +1,95 @@
+"""The conditions of a stage against virtual work, and their derivatives against differences."""
+
+import numpy as np
+import pytest
+
+from rfca_rig.analysis.torque_rotation.balance import Balance, Group
+from rfca_rig.analysis.torque_rotation.bases import Hardening, spline_over
+from rfca_rig.analysis.torque_rotation.doubts import Doubt, Doubts
+from rfca_rig.model.parameters import GRAVITY_M_S2
+from tests.analysis.torque_rotation.tables import RIG
+
+S, HINGES = 4, 6
+ALL = Doubts(
+    (
+        Doubt("shaft_zero", 1.0, "", column=6),
+        Doubt("mass", 1.0, ""),
+        Doubt("gain", 1.0, ""),
+        Doubt("friction_lever", 1.0, ""),
+        Doubt("contact", 1.0, ""),
+        Doubt("slope", 1.0, ""),
+        Doubt("height_0", 1.0, ""),
+        Doubt("height_1", 1.0, ""),
+        Doubt("tare", 1.0, "", column=8, recording=1),
+        Doubt("hinge_zero", 1.0, "", column=3),
+    )
+)
+
+
+def somewhere(ends, seed=0, doubts=ALL):
+    rng = np.random.default_rng(seed)
+    balance = Balance(RIG, Hardening(), doubts, rng.normal(size=(S, HINGES, 1)))
+    group = Group(np.arange(S), ends, np.full(S, 0.2), np.arange(S) % 2, np.arange(S) % 2)
+    z = np.concatenate([-0.3 * rng.random((S, HINGES)), 2.0 + rng.random((S, 1)), 10.0 * rng.normal(size=(S, 3))], axis=1)
+    c = np.concatenate([1e-3 + 5e-3 * rng.random((S, len(ends))), 10.0 * rng.normal(size=(S, len(ends)))], axis=1)
+    p = np.concatenate([[11.0, 44.0, 0.1], 0.01 * rng.normal(size=len(doubts.each))])
+    return balance, group, z, c, p
+
+
+def work_J(z, N, F, ends):
+    """Potential of weight and of constant floor forces at the lowest points of the ends, z up; y along the floor."""
+    lengths, masses, radius = np.array(RIG.leg.link_lengths_m), np.array(RIG.leg.link_masses_kg), RIG.leg.link_radius_m
+    q = z[6] + np.concatenate([[0.0], np.cumsum(z[:6])])
+    y, up = np.cumsum(lengths * np.cos(q)), -np.cumsum(lengths * np.sin(q))
+    middle = up + 0.5 * lengths * np.sin(q)
+    rolled = [y[end] - radius * q[end] for end in ends]
+    return GRAVITY_M_S2 * masses @ middle - sum(n * up[end] for n, end in zip(N, ends, strict=True)) - F @ rolled
+
+
+@pytest.mark.parametrize("ends", [(), (6,), (5, 6), (2, 5, 6)])
+def test_loads_are_what_virtual_work_says(ends):
+    balance, group, z, c, p = somewhere(ends, doubts=Doubts(()))
+    line = balance.linear(group, z, c, p)
+    torque = z[:, :6] * (11.0 + 44.0 * z[:, :6] ** 2) + 0.1 * balance.extra[:, :, 0]
+    for row in range(S):
+        N, F = line.normal_N[row], c[row, len(ends) :]
+        for joint in range(7):
+            step = 1e-6 * np.eye(10)[6 if joint == 0 else joint - 1]
+            slope = (work_J(z[row] + step, N, F, ends) - work_J(z[row] - step, N, F, ends)) / 2e-6
+            if joint:
+                assert torque[row, joint - 1] + slope == pytest.approx(line.g[row, joint - 1], abs=1e-6)
+            else:
+                drive = z[row, 9] + RIG.sensor.below_shaft_m * F.sum()  # tx less what fy adds to it
+                assert drive - slope == pytest.approx(line.g[row, HINGES], abs=1e-6)
+
+
+@pytest.mark.parametrize("ends", [(), (6,), (5, 6), (2, 5, 6)])
+def test_derivatives_are_those_of_differences(ends):
+    balance, group, z, c, p = somewhere(ends, seed=1)
+    line = balance.linear(group, z, c, p)
+    looks = (
+        (z, line.by_z, lambda at: balance.linear(group, at, c, p).g),
+        (c, line.by_c, lambda at: balance.linear(group, z, at, p).g),
+        (p, line.by_p, lambda at: balance.linear(group, z, c, at).g),
+    )
+    for at, slopes, value in looks:
+        for i in range(at.shape[-1]):
+            step = np.zeros(at.shape)
+            step[..., i] = 1e-7
+            assert np.abs((value(at + step) - value(at - step)) / 2e-7 - slopes[:, :, i]).max() < 2e-5
+
+
+def test_an_end_in_the_air_does_not_press():
+    balance, group, z, c, p = somewhere((5, 6), doubts=Doubts(()))
+    c[:, 0] = -2e-3
+    assert balance.linear(group, z, c, p).normal_N[:, 0].max() < 1e-4
+
+
+def test_splines_hold_the_law():
+    phi = np.linspace(-0.4, 0.1, 200)
+    basis = spline_over(phi, 3)
+    torque = 11.0 * (phi + 4.2 * phi**3)
+    coefficients = np.linalg.lstsq(basis.columns(phi), torque, rcond=None)[0]
+    beyond = np.array([-0.5, -0.2, 0.2])
+    assert basis.columns(beyond) @ coefficients == pytest.approx(11.0 * (beyond + 4.2 * beyond**3), abs=1e-9)
+    assert basis.slopes(beyond) @ coefficients == pytest.approx(11.0 * (1.0 + 12.6 * beyond**2), abs=1e-7)

@@ -1,0 +1,87 @@
+"""rfca-rig static report, typed."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rfca_rig.description.model_file import read_model_file
+from rfca_rig.recording.store import write_recording
+from tests.analysis.torque_rotation.tables import plain, recording
+from tests.campaign.small import copy_to, edit, swap, without_column
+from tests.cli.typed import typed
+
+SMALL = Path(__file__).parents[1] / "data" / "small-campaign"
+
+
+def test_the_small_campaign_gives_its_hinges_back(tmp_path, monkeypatch, capsys):
+    """Its file says k0 11.0, k2 4.2; the table is of another lab's simulator, with noise."""
+    said = typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path / "out", "--json")
+    assert said.exit_code == 0
+    found = json.loads(said.out)
+    assert found["k0_Nm_per_rad"]["value"] == pytest.approx(11.0, rel=0.01)
+    assert found["k2_per_rad2"]["value"] == pytest.approx(4.2, rel=0.02)
+    for name, true in (("k0_Nm_per_rad", 11.0), ("k2_per_rad2", 4.2)):
+        low, high = found[name]["interval_95"]
+        assert low < true < high
+    assert found["remarks"] == []
+    assert (tmp_path / "out" / "static.html").is_file()
+
+
+def test_predict_takes_the_model_that_it_leaves(tmp_path, monkeypatch, capsys):
+    typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path)
+    model = tmp_path / "model.toml"
+    said = typed(monkeypatch, capsys, "predict", "--height", 235, "--speed", 3.276, "--model", model, "--json")
+    assert said.exit_code == 0
+    assert json.loads(said.out)["valley_fz_N"] == pytest.approx(-36.9, abs=0.4)  # as with the believed hinges
+    assert typed(monkeypatch, capsys, "dynamic", "run", "--dry-run", "--model", model).exit_code == 0
+    assert typed(monkeypatch, capsys, "report", SMALL, "--out", tmp_path / "again", "--model", model).exit_code == 0
+    assert read_model_file(model).known_to.k2_relative < 0.02
+
+
+def test_stated_errors_of_angles_and_gain_are_used(tmp_path, monkeypatch, capsys):
+    def half(*options):
+        said = typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path, "--json", *options)
+        low, high = json.loads(said.out)["k0_Nm_per_rad"]["interval_95"]
+        return 0.5 * (high - low)
+
+    assert half("--force-gain-pct", 2) > 4 * half()
+    stated = typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path, "--json", "--hinge-std-deg", 0.05)
+    assert any("times as much as was stated" in one for one in json.loads(stated.out)["remarks"])
+
+
+def lines_of(monkeypatch, capsys, out, *words):
+    said = typed(monkeypatch, capsys, "static", "report", *words, "--out", out)
+    assert said.exit_code == 2
+    assert not out.exists()
+    assert said.err.count("\n") == 1
+    return said.err
+
+
+def test_without_angles_it_says_what_to_do(tmp_path, monkeypatch, capsys):
+    campaign = copy_to(tmp_path)
+    for hinge in range(2, 8):
+        edit(campaign / "runs" / "static.csv", without_column(f"hinge{hinge}_deg"))
+    said = lines_of(monkeypatch, capsys, tmp_path / "out", campaign)
+    assert "none of its 16 static stages has a hinge angle" in said
+    assert "hinge2_deg .. hinge7_deg" in said
+
+
+def test_what_cannot_go_together_is_refused(tmp_path, monkeypatch, capsys):
+    campaign = copy_to(tmp_path)
+    edit(campaign / "campaign.toml", swap("k0_Nm_per_rad = 11.0", "k0_Nm_per_rad = 12.0"))
+    said = lines_of(monkeypatch, capsys, tmp_path / "out", SMALL, campaign)
+    assert "believes other values of the rig" in said
+    assert "--model" in said
+
+
+def test_a_recording_that_believes_nothing_needs_a_model(tmp_path, monkeypatch, capsys):
+    write_recording(recording(plain(), sections={}, known_to={}), tmp_path / "run.h5")
+    assert "give a model with --model" in lines_of(monkeypatch, capsys, tmp_path / "out", tmp_path / "run.h5")
+    typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path / "first")
+    model = tmp_path / "first" / "model.toml"
+    assert typed(monkeypatch, capsys, "static", "report", tmp_path / "run.h5", "--model", model, "--out", tmp_path / "out").exit_code == 0
+
+
+def test_no_such_place(tmp_path, monkeypatch, capsys):
+    assert "is not there" in lines_of(monkeypatch, capsys, tmp_path / "out", tmp_path / "nothing")

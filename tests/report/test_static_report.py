@@ -1,0 +1,166 @@
+"""static.html and the tables beside it."""
+
+import csv
+import io
+import json
+import re
+from base64 import b64decode
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import cv2
+import numpy as np
+import pytest
+
+from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
+from rfca_rig.description.model_file import read_model_file
+from rfca_rig.errors import RigError
+from rfca_rig.exam.believed import believed_world
+from rfca_rig.exam.concealed import with_effect
+from rfca_rig.report.static_source import StaticSource, static_sources
+from rfca_rig.report.static_writing import write_static_report
+from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording
+
+FILES = ["curve.csv", "model.toml", "stages.csv", "static.html", "static.json"]
+VOID = {"meta", "br", "img"}
+
+
+class Outline(HTMLParser):
+    """Elements close as they opened; ids, text, and what a browser would fetch."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.open, self.ids, self.fetched, self.text = [], [], [], ""
+        self.feed(page)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in VOID:
+            self.open.append(tag)
+        self._note(tag, attrs)
+
+    def handle_startendtag(self, tag, attrs):
+        self._note(tag, attrs)
+
+    def _note(self, tag, attrs):
+        assert tag not in ("script", "link", "iframe", "object")
+        self.ids += [value for name, value in attrs if name == "id"]
+        self.fetched += [value for name, value in attrs if name in ("src", "href", "xlink:href", "srcset")]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def written(folder, stages, run=None, known_to=KNOWN_TO):
+    recorded = recording(stages, "A <bold> run & more", known_to=known_to)
+    result = evaluate([recorded], Supposition(SECTIONS, known_to))
+    write_static_report(result, [StaticSource("A <bold> run & more", run or folder, recorded)], folder, SECTIONS, known_to)
+    return result, (folder / "static.html").read_text()
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    return noisy(plain(), np.random.default_rng(2))
+
+
+def test_the_page_stands_alone_and_says_what_was_found(tmp_path, quiet):
+    result, page = written(tmp_path, quiet)
+    outline = Outline(page)
+    assert sorted(path.name for path in tmp_path.iterdir()) == FILES
+    assert all(one.startswith("#") for one in outline.fetched)
+    assert len(outline.ids) == len(set(outline.ids))
+    assert page.count("<svg viewBox") >= 3
+    assert "nan" not in outline.text.lower().replace("nano", "")
+    assert "A <bold> run & more" in outline.text
+    assert f"{result.values.k0_Nm_per_rad:.3f}" in outline.text
+    assert "the law k₀ (φ + k₂ φ³) holds" in outline.text
+    assert 'class="remarks"' not in page
+    assert "no loop is seen" in outline.text
+
+
+def test_the_same_table_gives_the_same_bytes(tmp_path, quiet):
+    for name in ("one", "two"):
+        written(tmp_path / name, quiet)
+    for file in FILES:
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+
+
+def test_tables_for_other_programs(tmp_path, quiet):
+    result, _ = written(tmp_path, quiet)
+    stages = list(csv.DictReader(io.StringIO((tmp_path / "stages.csv").read_text())))
+    assert len(stages) == 16 * 6
+    assert float(stages[0]["angle_deg"]) == pytest.approx(quiet[0].hinge_deg[0], abs=0.15)  # less what its mark is found to be off
+    assert {row["links_touching"] for row in stages} == {"7"}
+    off = np.array([float(row["torque_Nm"]) - float(row["curve_torque_Nm"]) for row in stages])
+    assert np.abs(off).max() < 4.0 * 33.0 * np.radians(0.1)  # the angle's noise at the greatest stiffness
+    curve = list(csv.DictReader(io.StringIO((tmp_path / "curve.csv").read_text())))
+    low, torque, high = (np.array([float(row[name]) for row in curve]) for name in ("torque_low_Nm", "torque_Nm", "torque_high_Nm"))
+    assert ((low < torque) & (torque < high)).all()
+    document = json.loads((tmp_path / "static.json").read_text())
+    assert document["format"] == "rfca-static/1"
+    assert document["k0_Nm_per_rad"]["interval_95"][0] < 11.0 < document["k0_Nm_per_rad"]["interval_95"][1]
+    assert document["curve"][0]["torque_Nm"] == pytest.approx(torque[0])
+    assert read_model_file(tmp_path / "model.toml").leg.k0_Nm_per_rad == pytest.approx(result.values.k0_Nm_per_rad, rel=1e-6)
+
+
+def test_a_law_that_fails_is_told_first_and_drawn_second(tmp_path):
+    world = with_effect(believed_world(0.215), "hinge_backlash", {"half_gap_deg": 1.2})
+    _, page = written(tmp_path, noisy(by_exam(world), np.random.default_rng(5)))
+    text = Outline(page).text
+    assert "The law k₀ (φ + k₂ φ³) does not hold: splines fit better" in text
+    assert "the nearest law" in text
+    assert "splines, with 95 % band" in text
+    assert json.loads((tmp_path / "static.json").read_text())["law"]["holds"] is False
+
+
+def test_photos_are_shrunk_into_the_page_and_missing_ones_are_said(tmp_path, quiet):
+    run = tmp_path / "run"
+    (run / "overlays").mkdir(parents=True)
+    picture = np.zeros((900, 1600, 3), np.uint8)
+    picture[:, 800:] = (0, 0, 255)
+    cv2.imwrite(str(run / "overlays" / "001.png"), picture)
+    first = replace(quiet[0], photo="photos/001.png", overlay="overlays/001.png", photo_doubts="a red <thing>")
+    gone = replace(quiet[1], photo="photos/002.png")
+    _, page = written(tmp_path / "report", (first, gone, *quiet[2:]), run)
+    outline = Outline(page)
+    (shown,) = [one for one in outline.fetched if not one.startswith("#")]
+    small = cv2.imdecode(np.frombuffer(b64decode(shown.removeprefix("data:image/jpeg;base64,")), np.uint8), cv2.IMREAD_COLOR)
+    assert small.shape == (236, 420, 3)
+    assert small[100, 400, 2] > 200
+    assert small[100, 20, 2] < 50
+    assert "a red <thing>" in outline.text
+    assert "002.png: cannot be read" in outline.text
+    assert str(tmp_path) not in page
+
+
+def test_hinges_that_soften_leave_no_model_behind(tmp_path, quiet):
+    world = believed_world(0.215)
+    softening = by_exam(replace(world, hinges=replace(world.hinges, k0_Nm_per_rad=(14.0,) * 6, k2_per_rad2=(-0.7,) * 6)))
+    (tmp_path / "model.toml").write_text("of an earlier report")
+    _, page = written(tmp_path, noisy(softening, np.random.default_rng(1)))
+    assert not (tmp_path / "model.toml").exists()
+    assert "The hinges soften" in page
+    assert "model.toml" not in Outline(page).text
+
+
+def test_several_recordings_are_told_apart(tmp_path, quiet):
+    rng = np.random.default_rng(3)
+    recordings = [recording(noisy(plain(), rng), "same title") for _ in range(2)]
+    paths = [tmp_path / "a", tmp_path / "b"]
+    result = evaluate(recordings, Supposition(SECTIONS, KNOWN_TO))
+    write_static_report(result, static_sources(paths, recordings), tmp_path / "out", SECTIONS, KNOWN_TO, "given.toml")
+    text = Outline((tmp_path / "out" / "static.html").read_text()).text
+    assert "same title (1)" in text
+    assert "same title (2)" in text
+    assert "Recording by recording" in text
+    assert "the model in given.toml" in text
+    assert len(re.findall(r"tare of fz, recording \d", text)) == 2
+
+
+def test_a_folder_that_cannot_be_made_is_said(tmp_path, quiet):
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(RigError, match="the folder for the report cannot be made"):
+        written(tmp_path / "taken" / "report", quiet)
