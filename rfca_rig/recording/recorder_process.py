@@ -6,13 +6,13 @@ a thread 18 ms, by this process 0.6 ms (python -m tests.benchmarks.recording).
 """
 
 import signal
-import socket
 import subprocess
 import sys
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from rfca_rig import own_process
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.errors import RigError
 from rfca_rig.recording.block_queue import BlockQueue
@@ -35,18 +35,8 @@ class Assignment:
 
 
 def started(assignment: Assignment) -> tuple[subprocess.Popen[bytes], Connection]:
-    """The process at work, and the way to talk to it.
-
-    An interpreter of its own, because `multiprocessing` would run the main program's file once more in it; of a session of its own,
-    so that neither ^C nor a closed terminal reaches it.
-    """
-    here, there = socket.socketpair()
-    with there:
-        words = [sys.executable, "-m", MODULE, str(there.fileno())]
-        process = subprocess.Popen(words, stdin=subprocess.DEVNULL, pass_fds=[there.fileno()], start_new_session=True)
-    child = Connection(here.detach())
-    child.send(assignment)
-    return process, child
+    """The process at work, and the way to talk to it."""
+    return own_process.started(MODULE, assignment)
 
 
 def keep(parent: Connection) -> None:
