@@ -1,6 +1,5 @@
 """The photos of a run's static stages, read once the rig stands still: hinge angles, what could not be told, overlays."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.form import Recording, StaticStage
 from rfca_rig.recording.photo_store import FOLDER
+from rfca_rig.recording.sums import sum_line
 from rfca_rig.vision.hinge_angles import TELLABLE_STD_RAD, HingeAngles
 from rfca_rig.vision.leg_photo import Eye, LegPhoto, read_leg_photo
 from rfca_rig.vision.redness import Pixels
@@ -109,5 +109,4 @@ def with_photos_read(recording: Recording, run_folder: Path) -> Recording:
 def photo_hashes(run_folder: Path) -> dict[str, str]:
     """For a run's provenance: SHA-256 of each photo and overlay, a line each as sha256sum writes them; nothing where there are none."""
     files = [file for folder in (FOLDER, OVERLAYS) for file in sorted((run_folder / folder).glob("*"))]
-    lines = [f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.relative_to(run_folder).as_posix()}" for file in files]
-    return {"photos_sha256": "\n".join(lines)} if lines else {}
+    return {"photos_sha256": "\n".join(sum_line(file, run_folder) for file in files)} if files else {}

@@ -66,14 +66,14 @@ def _attempt(found: Found, best: Hypothesis, candidates: int, rivals: tuple[Riva
         Gate("probability", probability >= SURE, f"{probability:.3f} that it is this or one of its class, {SURE:g} needed"),
         Gate("told apart", max(map(len, classes)) <= LARGEST_CLASS, f"as good are {max(map(len, classes))} others at most"),
     )
+    if nothing <= 0.1 and all(gate.passed for gate in gates):
+        return Decision("named", best, _named(best, classes, probability), gates, rivals, None, nothing)
     if nothing > 0.1 or not gates[0].passed:
-        verdict: Verdict = "nothing missing" if _probability(rivals, UNKNOWN) < 0.5 else "unexplained"
-        return Decision(verdict, found.nothing, (), gates, rivals, best, _nothing_or_unknown(found))
-    if not all(gate.passed for gate in gates):
+        adequate = _probability(rivals, UNKNOWN) < 0.5
+    else:
         adequate = found.nothing.judgement.error < GOOD_FIT and not strain_of(found.nothing)
-        verdict = "nothing missing" if adequate else "unexplained"
-        return Decision(verdict, found.nothing, (), gates, rivals, best, _nothing_or_unknown(found))
-    return Decision("named", best, _named(best, classes, probability), gates, rivals, None, nothing)
+    verdict: Verdict = "nothing missing" if adequate else "unexplained"
+    return Decision(verdict, found.nothing, (), gates, rivals, best, _nothing_or_unknown(found))
 
 
 def _nothing_or_unknown(found: Found) -> float:

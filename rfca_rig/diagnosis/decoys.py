@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.linear import posterior_of
-from rfca_rig.diagnosis.screening import Projection, projection_of
+from rfca_rig.diagnosis.screening import projection_of
 from rfca_rig.diagnosis.search import Found, Hypothesis
 
 Floats = NDArray[np.float64]
@@ -22,9 +22,14 @@ ALIKE = 0.8  # cosine from which on a decoy says what the effect says: one chann
 def best_decoy(found: Found, best: Hypothesis, simpler: Hypothesis) -> float:
     """chi2 at a usual model error that the best decoy takes from what the simpler hypothesis leaves."""
     projection = projection_of(simpler.fitted, found.evidence.rows.measured, found.judge.usual)
-    explained = _inside(projection, best.rows - simpler.rows)
-    signatures = ((decoy, _inside(projection, decoy)) for decoy in _decoys(found))
-    return max((projection.gain(decoy)[0] for decoy, inside in signatures if abs(float(explained @ inside)) < ALIKE), default=0.0)
+    explained = _normed(projection.through(projection.whitening(best.rows - simpler.rows)))
+    gains = [0.0]
+    for decoy in _decoys(found):
+        white = projection.whitening(decoy)
+        inside = projection.through(white)
+        if abs(float(explained @ _normed(inside))) < ALIKE:
+            gains.append(projection.gain_inside(white, inside)[0])
+    return max(gains)
 
 
 def taken_away(found: Found, best: Hypothesis, simpler: Hypothesis) -> float:
@@ -34,10 +39,8 @@ def taken_away(found: Found, best: Hypothesis, simpler: Hypothesis) -> float:
     return before.chi2 + float(before.mean @ before.mean) - after.chi2 - float(after.mean @ after.mean)
 
 
-def _inside(projection: Projection, rows: Floats) -> Floats:
-    """The direction of rows, whitened and beyond the nuisances."""
-    inside = projection.through(projection.whitening(rows))
-    return np.asarray(inside / max(float(np.linalg.norm(inside)), 1e-300))
+def _normed(rows: Floats) -> Floats:
+    return np.asarray(rows / max(float(np.linalg.norm(rows)), 1e-300))
 
 
 def _decoys(found: Found) -> Iterator[Floats]:

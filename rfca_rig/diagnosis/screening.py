@@ -93,7 +93,10 @@ class Projection:
     def gain(self, signature: Floats) -> tuple[float, float]:
         """(chi2 that it could take away, factor by which it would have to be scaled for that)."""
         white = self.whitening(signature)
-        inside = self.through(white)
+        return self.gain_inside(white, self.through(white))
+
+    def gain_inside(self, white: Floats, inside: Floats) -> tuple[float, float]:
+        """The same of a signature that is whitened, and taken through, already."""
         power, match = float(white @ inside), float(white @ self.residual)
         if power <= 0.0:
             return 0.0, 1.0

@@ -92,10 +92,12 @@ def searched(
     trials = tried(loose, base, [choice for effect in effects for choice in choices_of(effect)])
     progress("each effect", 0.3)
     singles = _refined(descent, base, _promising(descent, base, trials, REFINED, STARTS))
-    best = _clearly_better(descent, base, singles)
-    moved = with_likeliest_moves(loose, (best or base).coordinates, (best or base).x, stopped_as_told)
-    if best is not None or moved is not loose:
-        scatter = scatter_of(moved, (best or base).coordinates.supposed((best or base).x))
+    # what scatters acts through the leg and drive as they are, and how a static table was moved through shows in how its tip was held:
+    # both are learnt anew from the best explanation so far
+    best = _clearly_better(descent, base, singles) or base
+    moved = with_likeliest_moves(loose, best.coordinates, best.x, stopped_as_told)
+    if best is not base or moved is not loose:
+        scatter = scatter_of(moved, best.coordinates.supposed(best.x))
         descent = Descent(moved, judge_of(moved.rows, scatter.columns))
         base, *singles = (_carried_on(descent, fitted) for fitted in (base, *singles))
     singles = _best_polished(descent, singles)
@@ -109,11 +111,7 @@ def searched(
 
 
 def _carried_on(descent: Descent, fitted: Fitted) -> Fitted:
-    """A fit to other evidence, fitted to this; as it was where the model has no answer there.
-
-    What scatters acts through the leg and drive as they are, and how a static table was moved through shows in how its tip was held: both
-    are learnt from the best explanation so far, and all fits go on from where they stand.
-    """
+    """A fit to other evidence, fitted to this from where it stands; as it was where the model has no answer there."""
     here = descent.at(fitted.coordinates, fitted.x, fitted.slope)
     return fitted if here is None else descent.descended(here)
 

@@ -21,6 +21,7 @@ from rfca_rig.exam.campaign_of import add_experiment
 from rfca_rig.exam.cases import POOR_DATA, Case, drawn_cases
 from rfca_rig.exam.crew import Told, silent
 from rfca_rig.exam.examine import DIAGNOSES, Diagnose
+from rfca_rig.exam.marking import DIAGNOSIS
 from rfca_rig.exam.outcome import RIGHT, Truth, outcome, truth_in
 from rfca_rig.exam.plan import read_plan
 from rfca_rig.exam.said import NAMED, NOTHING, read_said
@@ -29,7 +30,7 @@ from rfca_rig.exam.sealing import open_all
 from rfca_rig.exam.write import CAMPAIGNS
 from rfca_rig.recording.atomic import write_atomically
 
-FOLDER, RESULT, DIAGNOSIS = "follow-ups", "follow-up.json", "diagnosis.json"
+FOLDER, RESULT = "follow-ups", "follow-up.json"
 PROPOSED, BY_LOT = ARMS = ("proposed", "by lot")
 MOST = 4  # experiments after which a case is given up
 HEIGHTS_MM, SPEEDS_RAD_S, REPEATS = tuple(np.arange(195.0, 236.0, 5.0)), (1.0, 1.5, 2.0, 2.4), 3

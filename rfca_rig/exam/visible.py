@@ -70,20 +70,20 @@ def size_of(case: Case) -> Size:
     if case.mislabelled and really(believed_world(1.0), case.mislabelled) == believed_world(1.0):
         return Size(np.inf, np.inf, np.inf)
     seen = [_seen(case, height_mm, speed) for height_mm, speed in dict.fromkeys((case.design.conditions[0], case.design.conditions[-1]))]
-    shift, moves, units = (np.concatenate(parts, axis=1) for parts in zip(*((s.shift, s.moves, s.units) for s in seen), strict=True))
-    noise, both = np.ones_like(units), np.hypot(1.0, MODEL_ERROR * units)
+    shift, moves, forces = (np.concatenate(parts, axis=1) for parts in zip(*((s.shift, s.moves, s.forces) for s in seen), strict=True))
+    noise, both = np.ones_like(forces), np.hypot(1.0, MODEL_ERROR * forces)
     return Size(_largest(shift), _left(seen, shift, moves, noise), _left(seen, shift, moves, both))
 
 
 @dataclass(frozen=True)
 class _Seen:
     """One condition in units of a sample's noise: what the concealed physics does, (3, m), what one sigma of each believed value does,
-    (3, m, p), the plain forces `units` (3, m), and how they change where the believed values have moved by so many sigmas each.
+    (3, m, p), the plain `forces` (3, m), and how they change where the believed values have moved by so many sigmas each.
     """
 
     shift: Floats
     moves: Floats
-    units: Floats
+    forces: Floats
     moved_by: Callable[[Floats], Floats]
 
 

@@ -11,8 +11,12 @@ from rfca_rig.recording.layout import BALLAST, SUMS, WRITING
 def write_sums(folder: Path) -> None:
     """`SHA256SUMS`, the last file of a run."""
     files = sorted(file for file in folder.rglob("*") if file.is_file() and _belongs(file))
-    lines = [f"{sha256_of(file)}  {file.relative_to(folder).as_posix()}\n" for file in files]
-    write_atomically(folder / SUMS, "".join(lines).encode())
+    write_atomically(folder / SUMS, "".join(f"{sum_line(file, folder)}\n" for file in files).encode())
+
+
+def sum_line(file: Path, folder: Path) -> str:
+    """The line of sha256sum for a file in the folder, without its end."""
+    return f"{sha256_of(file)}  {file.relative_to(folder).as_posix()}"
 
 
 def _belongs(file: Path) -> bool:

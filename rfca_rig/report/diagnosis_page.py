@@ -1,11 +1,8 @@
 """diagnosis.html: one self-contained page."""
 
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from math import nan
 from typing import Any
-
-from jinja2 import Environment, StrictUndefined
 
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, NamedEffect, NotSeen, Rival
 from rfca_rig.report.diagnosis_map import BAND_WORDS, maps_of
@@ -25,6 +22,7 @@ from rfca_rig.report.diagnosis_wording import (
 )
 from rfca_rig.report.named_units import shown, words_and_unit
 from rfca_rig.report.overlay import MEASURED, SIMULATED
+from rfca_rig.report.templates import beside, template
 from rfca_rig.report.wording import NOTHING, counted, unbroken
 
 VERDICT_WORDS = {
@@ -46,12 +44,10 @@ NEGLIGIBLE = 0.001
 
 def page(diagnosis: Diagnosis) -> str:
     """The page as HTML."""
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    template = environment.from_string(_beside("diagnosis.html"))
     probability = verdict_probability(diagnosis)
     shown_rivals, other_rivals = _rivals(diagnosis.rivals)
-    return template.render(
-        style=_beside("diagnosis.css"),
+    return template("diagnosis.html").render(
+        style=beside("diagnosis.css"),
         title=diagnosis.title,
         verdict=diagnosis.verdict,
         verdict_meaning=VERDICT_WORDS[diagnosis.verdict][0],
@@ -80,10 +76,6 @@ def page(diagnosis: Diagnosis) -> str:
         settings=entries(diagnosis.settings),
         colours={"measured": MEASURED, "before": BEFORE, "after": SIMULATED},
     )
-
-
-def _beside(name: str) -> str:
-    return resources.files("rfca_rig.report").joinpath(name).read_text("utf-8")
 
 
 def _text(text: str) -> str:

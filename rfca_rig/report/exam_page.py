@@ -1,12 +1,10 @@
 """exam.html: one self-contained page."""
 
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from math import isfinite
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 
 from rfca_rig import __version__
 from rfca_rig.exam import cases
@@ -18,6 +16,7 @@ from rfca_rig.exam.worst import LISTED
 from rfca_rig.report import exam_pictures
 from rfca_rig.report.exam_matrix import matrix_of
 from rfca_rig.report.overlay import FAINT, MEASURED
+from rfca_rig.report.templates import beside, template
 from rfca_rig.report.wording import NO_BREAK, NOTHING, counted, number
 
 MEANINGS = {
@@ -34,12 +33,10 @@ PASSED = {True: "passed", False: "failed", None: "none"}
 
 def page(exam: Examined) -> str:
     """The page as HTML."""
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["words"] = lambda name: name.replace("_", " ")
     marks, all_bars = exam.marks, bars(exam.marks)
     judged = [bar for bar in all_bars if bar.passed is not None]
-    return environment.from_string(_beside("exam.html")).render(
-        style=_beside("diagnosis.css") + _beside("exam.css"),
+    return template("exam.html").render(
+        style=beside("diagnosis.css") + beside("exam.css"),
         of=f"Blind exam of the diagnosis: {exam.plan.words}, rfca-rig {__version__}",
         sentence=_sentence(marks, len(exam.cases)),
         passed=sum(bar.passed is True for bar in judged),
@@ -73,10 +70,6 @@ def share_text(value: float, trimmed: bool = True) -> str:
         return NOTHING
     said = number(100.0 * value, 1)
     return f"{said.removesuffix('.0') if trimmed else said}{NO_BREAK}%"
-
-
-def _beside(name: str) -> str:
-    return resources.files("rfca_rig.report").joinpath(name).read_text("utf-8")
 
 
 def _sentence(marks: Marks, count: int) -> str:

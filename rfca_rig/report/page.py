@@ -2,13 +2,11 @@
 
 import hashlib
 from collections.abc import Sequence
-from importlib import resources
 from itertools import groupby
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 
 from rfca_rig.analysis.counterpart import Shaft
 from rfca_rig.analysis.table2 import PAPER_AVERAGE_ERROR_PCT, Row, Table2
@@ -16,6 +14,7 @@ from rfca_rig.recording.form import StaticStage
 from rfca_rig.report import overlay
 from rfca_rig.report.quantities import quantities_of
 from rfca_rig.report.sources import ComparedSource
+from rfca_rig.report.templates import template
 from rfca_rig.report.wording import (
     DEFINITION,
     MARK_MEANINGS,
@@ -35,9 +34,7 @@ LONGEST_TEXT = 160
 
 def page(sources: Sequence[ComparedSource], table: Table2, shaft: Shaft, model_file: str | None = None) -> str:
     """The page as HTML. `model_file` names the one model that all sources were held against; None for what was believed of each."""
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    template = environment.from_string(resources.files("rfca_rig.report").joinpath("page.html").read_text("utf-8"))
-    return template.render(
+    return template("page.html").render(
         title=" · ".join(dict.fromkeys(source.recording.title for source in sources)) or "Nothing recorded",
         standfirst=_standfirst(table),
         sources=[_source(source) for source in sources],

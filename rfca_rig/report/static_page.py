@@ -1,11 +1,9 @@
 """static.html: one self-contained page."""
 
 from collections.abc import Sequence
-from importlib import resources
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 
 from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
 from rfca_rig.analysis.torque_rotation.remarks import remarks
@@ -15,6 +13,7 @@ from rfca_rig.report.overlay import FAINT, MEASURED, SIMULATED
 from rfca_rig.report.photo_strip import StripPicture, strips_of
 from rfca_rig.report.static_pictures import DASHES, FORETOLD_STYLES, SECOND, rest_picture, stiffness_picture, torque_picture
 from rfca_rig.report.static_source import StaticSource
+from rfca_rig.report.templates import beside, template
 from rfca_rig.report.wording import MARK_MEANINGS, NOTHING, counted, number, unbroken
 
 TABLE_STEP_DEG = 2.5
@@ -25,10 +24,9 @@ def page(
     result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[Foretold], model_file: str | None, has_model: bool
 ) -> str:
     """The page as HTML. `model_file` names the model that was given instead of what was believed; `has_model`: a model.toml is beside."""
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     marks = [source.recording.source for source in sources]
-    return environment.from_string(_beside("static.html")).render(
-        style=_beside("static.css"),
+    return template("static.html").render(
+        style=beside("static.css"),
         title=" · ".join(dict.fromkeys(source.recording.title for source in sources)),
         sources=[{"name": s.name, "mark": s.recording.source, "stages": counted(len(s.recording.static), "static stage")} for s in sources],
         mark_meanings=[meaning for mark, meaning in MARK_MEANINGS.items() if mark in marks],
@@ -57,10 +55,6 @@ def page(
         colours={"measured": MEASURED, "curve": SIMULATED, "other": SECOND, "faint": FAINT},
         dashes={name: " ".join(f"{2.2 * part:g}" for part in pattern) for name, (_, pattern) in DASHES.items()},
     )
-
-
-def _beside(name: str) -> str:
-    return resources.files("rfca_rig.report").joinpath(name).read_text("utf-8")
 
 
 def _signs(text: str) -> str:

@@ -29,7 +29,7 @@ from rfca_rig.report.diagnosis_wording import UNLISTED, hypothesis, percent, sig
 from rfca_rig.report.light_paths import with_light_paths
 from rfca_rig.report.named_units import shown
 from tests.model.legs import PAPER
-from tests.report.test_report import Outline
+from tests.report.outline import Outline
 
 HEIGHTS = ("195 mm", "215 mm", "235 mm")
 CONDITIONS = tuple(f"{height}, {speed} rad/s" for height in HEIGHTS for speed in ("2", "2.6", "3.3"))

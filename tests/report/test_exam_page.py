@@ -15,7 +15,7 @@ from rfca_rig.report.exam_files import HEADER, as_json, write_exam
 from rfca_rig.report.exam_matrix import MatrixCell, matrix_of
 from rfca_rig.report.exam_page import page, share_text
 from tests.report.exams import made_up_exam
-from tests.report.test_report import Outline
+from tests.report.outline import Outline
 
 COUNT = 90
 

@@ -1,7 +1,6 @@
 import csv
 import json
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from rfca_rig.errors import RigError
 from rfca_rig.report.sources import GivenModel
 from rfca_rig.report.writing import write_report
 from tests.analysis import traces
+from tests.report.outline import Outline
 from tests.report.recordings import BELIEVED, recording, stages, strokes
 
 KEYS = [
@@ -27,36 +27,6 @@ KEYS = [
     "force_error_pct",
 ]
 FILES = ["report.html", "table2.csv", "table2.json", "table2.tex"]
-VOID = {"meta", "br"}
-
-
-class Outline(HTMLParser):
-    """Checks that elements close as they opened, and collects ids, text and what could be fetched."""
-
-    def __init__(self, page):
-        super().__init__()
-        self.open, self.ids, self.fetched, self.text = [], [], [], ""
-        self.feed(page)
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        if tag not in VOID:
-            self.open.append(tag)
-        self._note(tag, attrs)
-
-    def handle_startendtag(self, tag, attrs):
-        self._note(tag, attrs)
-
-    def _note(self, tag, attrs):
-        self.ids += [value for name, value in attrs if name == "id"]
-        self.fetched += [value for name, value in attrs if name in ("src", "href", "xlink:href", "data", "srcset")]
-        assert tag not in ("script", "link", "iframe", "img", "object")
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text += data
 
 
 def written(folder, *recordings, **options):

@@ -6,7 +6,6 @@ import json
 import re
 from base64 import b64decode
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import cv2
 import numpy as np
@@ -20,38 +19,10 @@ from rfca_rig.exam.concealed import with_effect
 from rfca_rig.report.static_source import StaticSource, static_sources
 from rfca_rig.report.static_writing import write_static_report
 from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording
+from tests.report.outline import Outline
 
+NEVER = ("script", "link", "iframe", "object")  # photos stand in the page
 FILES = ["curve.csv", "model.toml", "stages.csv", "static.html", "static.json"]
-VOID = {"meta", "br", "img"}
-
-
-class Outline(HTMLParser):
-    """Elements close as they opened; ids, text, and what a browser would fetch."""
-
-    def __init__(self, page):
-        super().__init__()
-        self.open, self.ids, self.fetched, self.text = [], [], [], ""
-        self.feed(page)
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        if tag not in VOID:
-            self.open.append(tag)
-        self._note(tag, attrs)
-
-    def handle_startendtag(self, tag, attrs):
-        self._note(tag, attrs)
-
-    def _note(self, tag, attrs):
-        assert tag not in ("script", "link", "iframe", "object")
-        self.ids += [value for name, value in attrs if name == "id"]
-        self.fetched += [value for name, value in attrs if name in ("src", "href", "xlink:href", "srcset")]
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text += data
 
 
 def written(folder, stages, run=None, known_to=KNOWN_TO):
@@ -68,7 +39,7 @@ def quiet():
 
 def test_the_page_stands_alone_and_says_what_was_found(tmp_path, quiet):
     result, page = written(tmp_path, quiet)
-    outline = Outline(page)
+    outline = Outline(page, NEVER)
     assert sorted(path.name for path in tmp_path.iterdir()) == FILES
     assert all(one.startswith("#") for one in outline.fetched)
     assert len(outline.ids) == len(set(outline.ids))
@@ -109,7 +80,7 @@ def test_tables_for_other_programs(tmp_path, quiet):
 def test_a_law_that_fails_is_told_first_and_drawn_second(tmp_path):
     world = with_effect(believed_world(0.215), "hinge_backlash", {"half_gap_deg": 1.2})
     _, page = written(tmp_path, noisy(by_exam(world), np.random.default_rng(5)))
-    text = Outline(page).text
+    text = Outline(page, NEVER).text
     assert "The law k₀ (φ + k₂ φ³) does not hold: splines fit better" in text
     assert "the nearest law" in text
     assert "splines, with 95 % band" in text
@@ -125,7 +96,7 @@ def test_photos_are_shrunk_into_the_page_and_missing_ones_are_said(tmp_path, qui
     first = replace(quiet[0], photo="photos/001.png", overlay="overlays/001.png", photo_doubts="a red <thing>")
     gone = replace(quiet[1], photo="photos/002.png")
     _, page = written(tmp_path / "report", (first, gone, *quiet[2:]), run)
-    outline = Outline(page)
+    outline = Outline(page, NEVER)
     (shown,) = [one for one in outline.fetched if not one.startswith("#")]
     small = cv2.imdecode(np.frombuffer(b64decode(shown.removeprefix("data:image/jpeg;base64,")), np.uint8), cv2.IMREAD_COLOR)
     assert small.shape == (236, 420, 3)
@@ -143,7 +114,7 @@ def test_hinges_that_soften_leave_no_model_behind(tmp_path, quiet):
     _, page = written(tmp_path, noisy(softening, np.random.default_rng(1)))
     assert not (tmp_path / "model.toml").exists()
     assert "The hinges soften" in page
-    assert "model.toml" not in Outline(page).text
+    assert "model.toml" not in Outline(page, NEVER).text
 
 
 def test_several_recordings_are_told_apart(tmp_path, quiet):
@@ -152,7 +123,7 @@ def test_several_recordings_are_told_apart(tmp_path, quiet):
     paths = [tmp_path / "a", tmp_path / "b"]
     result = evaluate(recordings, Supposition(SECTIONS, KNOWN_TO))
     write_static_report(result, static_sources(paths, recordings), tmp_path / "out", SECTIONS, KNOWN_TO, "given.toml")
-    text = Outline((tmp_path / "out" / "static.html").read_text()).text
+    text = Outline((tmp_path / "out" / "static.html").read_text(), NEVER).text
     assert "same title (1)" in text
     assert "same title (2)" in text
     assert "Recording by recording" in text
