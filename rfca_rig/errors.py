@@ -6,8 +6,11 @@ RigError                    exit code 1: the work could not be done
 ├── SimulationFailed        exit code 1: the model could not be computed for these values
 ├── DiskFull                exit code 1: the disk takes no more; what was acknowledged before is safe
 ├── Tripped                 exit code 3: a limit stopped the motion
+├── WornOut                 exit code 4: the leg's stiffness drifted beyond what the protocol allows
 └── Stopped                 exit code 130: the operator stopped the run
 """
+
+from rfca_rig.trip_codes import Trip
 
 
 class RigError(Exception):
@@ -35,9 +38,20 @@ class DiskFull(RigError):
 
 
 class Tripped(RigError):
-    """A measured value passed its limit. The motor is off; what was recorded until then is kept."""
+    """Something measured passed its limit. The motor is off; what was recorded until then is kept."""
 
     exit_code = 3
+
+    def __init__(self, code: Trip, what: str) -> None:
+        """The text of the error begins with the code, under which `docs/trips.md` tells more."""
+        super().__init__(f"TRIP {code}: {what}")
+        self.code = code
+
+
+class WornOut(RigError):
+    """A fatigue run came to its end: the leg is no longer as stiff as it was. The motor is off; what was recorded is kept."""
+
+    exit_code = 4
 
 
 class Stopped(RigError):

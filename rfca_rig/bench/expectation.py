@@ -1,15 +1,22 @@
 """What the believed model expects of a plan, for its check and its printout."""
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.bench.expected_turns import turn_loads
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed, stroke_following
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.plan import Hold, MoveShaft, Plan, SetHeight, Stage, way_to
+from rfca_rig.protocol.cycles import Cycles
+from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, Plan, SetHeight, Stage, way_to
 
 Floats = NDArray[np.float64]
+
+Motion = tuple[float, tuple[MoveShaft | None, ...]]  # height, and moves; None for a hold
+Loads = list[tuple[int, Load]]  # the load of the stage at each place
 
 SAMPLE_S = 1e-3
 SLOW_SAMPLE_S = 1e-2
@@ -23,40 +30,45 @@ def expected_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
     it is pushed back is seen beforehand. Which link ends touch is part of the model's solution. A hold's load is the largest on the
     way to it and at it.
     """
-    return {**_flaps(plan, rig), **_holds(plan, rig)}
+    return {**_flaps(plan, rig), **turn_loads(plan, rig), **_holds(plan, rig)}
 
 
 def _flaps(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
     by_condition: dict[tuple[float, float], Load] = {}
-    for flap in plan.flaps:
+    strokes = [stage for stage in plan.stages if isinstance(stage, Approach | Flap)]
+    for flap in strokes:
         condition = (flap.height_m, flap.speed_rad_s)
         if condition not in by_condition:
             t_s = np.arange(0.0, flap.stroke_s, SAMPLE_S)
             stroke = stroke_at_speed(rig, flap.height_m, flap.speed_rad_s, t_s)
             by_condition[condition] = _load(stroke, slice(None))
-    return {flap: by_condition[flap.height_m, flap.speed_rad_s] for flap in plan.flaps}
+    return {flap: by_condition[flap.height_m, flap.speed_rad_s] for flap in strokes}
 
 
 def _holds(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
     expected: dict[Stage, Load] = {}
+    known: dict[Motion, Loads] = {}
     for height_m, stages in _sequences(plan):
-        for stage, load in _along(height_m, stages, rig).items():
-            expected[stage] = load.with_more(expected.get(stage, load))
+        motion = height_m, tuple(stage if isinstance(stage, MoveShaft) else None for stage in stages)
+        if motion not in known:
+            known[motion] = _along(height_m, stages, rig)
+        for place, load in known[motion]:
+            expected[stages[place]] = load.with_more(expected.get(stages[place], load))
     return expected
 
 
 def _sequences(plan: Plan) -> list[tuple[float, list[MoveShaft | Hold]]]:
-    """Moves and holds between one setting of the rack and the next."""
+    """Moves and holds between one setting of the rack and the next; strokes and cycles divide them, as each ends at the start angle."""
     found: list[tuple[float, list[MoveShaft | Hold]]] = []
     for stage in plan.stages:
-        if isinstance(stage, SetHeight):
+        if isinstance(stage, SetHeight | Approach | Flap | Cycles):
             found.append((stage.height_m, []))
         elif found and isinstance(stage, MoveShaft | Hold):
             found[-1][1].append(stage)
     return [(height_m, stages) for height_m, stages in found if any(isinstance(stage, Hold) for stage in stages)]
 
 
-def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> dict[Stage, Load]:
+def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> Loads:
     """Follows the shaft through moves at their speeds and short holds; the load of each hold with the way to it, and of other moves."""
     angles, times = [rig.leg.start_angle_rad], [0.0]
     for stage in stages:
@@ -65,17 +77,13 @@ def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> di
         angles.append(angles[-1] + way_rad)
     t_s = np.arange(0.0, times[-1], SLOW_SAMPLE_S)
     held = stroke_following(rig, height_m, _polyline(np.array(times), np.array(angles)), t_s)
-    expected: dict[Stage, Load] = {}
-    for place, (stage, begin_s, end_s) in enumerate(zip(stages, times, times[1:], strict=False)):
-        load = _load(held, (t_s >= begin_s) & (t_s <= end_s))
-        meant = _hold_after(stages[place:]) or stage
-        expected[meant] = load.with_more(expected.get(meant, load))
-    return expected
+    parts = enumerate(pairwise(times))
+    return [(_meant(place, stages), _load(held, (t_s >= begin_s) & (t_s <= end_s))) for place, (begin_s, end_s) in parts]
 
 
-def _hold_after(stages: list[MoveShaft | Hold]) -> Hold | None:
-    """The hold that the first of the stages is, or leads straight to."""
-    return next((stage for stage in stages[:2] if isinstance(stage, Hold)), None)
+def _meant(place: int, stages: list[MoveShaft | Hold]) -> int:
+    """The place of the hold that the stage there leads straight to, else of the stage itself."""
+    return place + 1 if place + 1 < len(stages) and isinstance(stages[place + 1], Hold) and isinstance(stages[place], MoveShaft) else place
 
 
 def _load(stroke: SimulatedStroke, part: slice | NDArray[np.bool_]) -> Load:

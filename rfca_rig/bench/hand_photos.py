@@ -12,7 +12,7 @@ from rfca_rig.description.rig_file import RigFile
 from rfca_rig.description.toml import model_of, read_text
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.form import Recording
-from rfca_rig.recording.photo_store import FOLDER
+from rfca_rig.recording.picture import FOLDER
 from rfca_rig.vision.leg_photo import Eye
 
 
@@ -52,5 +52,5 @@ def with_hand_photos(recording: Recording, photos: Sequence[Path], eye: Eye, run
         shutil.copyfile(photo, run_folder / name)
         unread = (float("nan"),) * len(stage.hinge_deg)
         stages.append(replace(stage, hinge_deg=unread, hinge_std_deg=(), photo=name, overlay="", photo_doubts=""))
-    read = read_stage_photos(stages, run_folder, eye, {})
+    read = read_stage_photos(stages, run_folder, eye)
     return replace(recording, static=read, provenance={**recording.provenance, **photo_hashes(run_folder)})

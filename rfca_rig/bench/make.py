@@ -10,7 +10,7 @@ import numpy as np
 from rfca_rig.bench.cameras import make_camera, make_twin_camera
 from rfca_rig.bench.force_sensors import make_force_sensor, make_sensor_pair
 from rfca_rig.bench.leg_plant import LegPlant, Scatter
-from rfca_rig.bench.motors import make_motor, make_motor_twin, open_bus
+from rfca_rig.bench.motors import make_motor, make_motor_twin, open_commanding_bus
 from rfca_rig.bench.racks import HandRack, TwinRack
 from rfca_rig.clock import TwinClock, WallClock
 from rfca_rig.description.rig_file import RigFile, TwinSection
@@ -43,7 +43,7 @@ def open_bench(rig: RigFile, seed: int | None, eye: Eye | None = None) -> Iterat
 def _real_bench(rig: RigFile, eye: Eye | None, stack: ExitStack) -> Bench:
     clock, motor = WallClock(), rig.motor
     try:
-        bus = stack.enter_context(open_bus(motor))
+        bus = stack.enter_context(open_commanding_bus(rig, clock))
     except (can.CanError, OSError, ValueError) as error:
         raise DeviceError(f"CAN bus {motor.interface} {motor.channel} cannot be opened: {error}; check [motor] in the rig file") from error
     camera = make_camera(rig.camera, eye, clock, stack) if rig.camera and eye else None

@@ -2,15 +2,21 @@
 
 import can
 
-from rfca_rig.clock import Clock
+from rfca_rig.clock import Clock, WallClock
 from rfca_rig.codecs.odrive_messages import Dialect
 from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, MotorSection, OdriveSection
 from rfca_rig.description.rig_file import RigFile, TwinDriveSection
+from rfca_rig.drivers.can_bus import CanBusSettings
+from rfca_rig.drivers.cubemars_last_word import MitLastWord, ServoLastWord
 from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
 from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.drivers.guard import Guard, LastWord
 from rfca_rig.drivers.moteus import MoteusMotor, MoteusSettings
 from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.roles import ShaftMotor
+from rfca_rig.errors import BadInput
+from rfca_rig.guardian.guarded_bus import GuardedBus
+from rfca_rig.guardian.starting import can_be_started
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
 from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
@@ -22,21 +28,48 @@ from rfca_rig.twins.speed_loop import LoopGains
 
 def open_bus(motor: MotorSection) -> can.BusABC:
     """The bus that [motor] names, to be shut by the caller. Raises what python-can raises."""
-    if motor.fd_bitrate is None:
-        return can.Bus(interface=motor.interface, channel=motor.channel, bitrate=motor.bitrate)
-    return can.Bus(interface=motor.interface, channel=motor.channel, bitrate=motor.bitrate, data_bitrate=motor.fd_bitrate, fd=True)
+    return _bus(motor).open()
+
+
+def _bus(motor: MotorSection) -> CanBusSettings:
+    return CanBusSettings(motor.interface, motor.channel, motor.bitrate, motor.fd_bitrate)
+
+
+def open_commanding_bus(rig: RigFile, clock: WallClock) -> can.BusABC:
+    """The bus for a run, to be shut by the caller; held by a guardian where the rig file wants one.
+
+    Raises what python-can raises, and BadInput where this system has no guardian.
+    """
+    last_word = _last_word(rig)
+    if last_word is None or not rig.motor.is_guarded:
+        return open_bus(rig.motor)
+    if not can_be_started():
+        raise BadInput(f"{rig.rig.title}: motor.guardian: this system has none; use Linux, or see docs/guardian.md on going without")
+    return GuardedBus(_bus(rig.motor), last_word, rig.motor.guardian_silence_ms / 1e3, clock)
+
+
+def _last_word(rig: RigFile) -> LastWord | None:
+    motor, timeout_s = rig.motor, rig.limits.drive_silent_ms / 1e3
+    match motor:
+        case CubemarsMitSection():
+            return MitLastWord(_mit(motor, timeout_s))
+        case CubemarsServoSection():
+            return ServoLastWord(_servo(motor, timeout_s))
+        case _:
+            return None
 
 
 def make_motor(rig: RigFile, bus: can.BusABC, clock: Clock) -> ShaftMotor:
     """The driver that [motor] names, on its end of the bus."""
     motor, timeout_s = rig.motor, rig.limits.drive_silent_ms / 1e3
+    guard: Guard | None = bus if isinstance(bus, GuardedBus) else None
     match motor:
         case OdriveSection():
             return OdriveMotor(bus, clock, _odrive(motor, timeout_s))
         case CubemarsMitSection():
-            return CubemarsMitMotor(bus, clock, _mit(motor, timeout_s))
+            return CubemarsMitMotor(bus, clock, _mit(motor, timeout_s), guard)
         case CubemarsServoSection():
-            return CubemarsServoMotor(bus, clock, _servo(motor, timeout_s))
+            return CubemarsServoMotor(bus, clock, _servo(motor, timeout_s), guard)
         case MoteusSection():
             return MoteusMotor(bus, clock, _moteus(motor, timeout_s))
 

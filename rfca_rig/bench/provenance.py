@@ -1,23 +1,30 @@
-"""Where a recording comes from: versions, files and their hashes, the plan, the devices, the clocks."""
+"""Where a recording comes from: versions, files and their hashes, the plan, the devices, the clocks.
 
+A simulated run is the same to the last byte whenever it is run again from the same seed, on the same machine and the same state of the
+source, by the same person: all that is told here is either one of these, or tells the time by the rig's own clock.
+"""
+
+import getpass
 import hashlib
-import json
 import platform
 from collections.abc import Mapping
-from dataclasses import asdict
 
 import h5py
 import numpy as np
 
 from rfca_rig import __version__
+from rfca_rig.bench.checkout import UNKNOWN, source_state
+from rfca_rig.bench.outcome import Outcome
 from rfca_rig.engine.bench import Bench
 from rfca_rig.protocol.plan import Plan
+from rfca_rig.protocol.written_plan import plan_texts
 
 
 def made_by(bench: Bench) -> dict[str, str]:
     """The software and the machine, and when the run's clock began."""
     return {
         "rfca_rig_version": __version__,
+        **source_state(),
         "python_version": platform.python_version(),
         "numpy_version": np.__version__,
         "h5py_version": h5py.__version__,
@@ -28,6 +35,18 @@ def made_by(bench: Bench) -> dict[str, str]:
     }
 
 
+def people(operator: str, sample: str) -> dict[str, str]:
+    """Who runs the rig, and which specimen is on it; "" for a specimen that nobody named."""
+    return {"operator": operator or _login_name(), "sample": sample}
+
+
+def _login_name() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):  # a user of whom this system has no name, as in a container
+        return UNKNOWN
+
+
 def files(texts: Mapping[str, str]) -> dict[str, str]:
     """The text of each file by its name, and its SHA-256."""
     hashes = {f"{name}_sha256": hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
@@ -35,13 +54,8 @@ def files(texts: Mapping[str, str]) -> dict[str, str]:
 
 
 def planned(plan: Plan) -> dict[str, str]:
-    """The plan as it was resolved: its stages in their order and its limits, as JSON."""
-    stages = [{"stage": type(stage).__name__, "label": stage.label, **_fields(stage)} for stage in plan.stages]
-    return {"plan": json.dumps(stages), "limits": json.dumps(asdict(plan.limits))}
-
-
-def _fields(stage: object) -> dict[str, object]:
-    return asdict(stage)  # type: ignore[call-overload, no-any-return]
+    """The plan as it was resolved, whole: `written_plan.plan_of` makes it again."""
+    return plan_texts(plan)
 
 
 def devices(bench: Bench) -> dict[str, str]:
@@ -62,10 +76,12 @@ def streams(bench: Bench) -> dict[str, str]:
     return {"sensor_records": f"{counted}, {bad}"}
 
 
-def ended(bench: Bench, why: str, worst_gap_s: float) -> dict[str, str]:
+def ended(bench: Bench, outcome: Outcome, worst_gap_s: float) -> dict[str, str]:
     """How the run ended, what the clocks showed then, and how regular the control loop was."""
     return {
-        "ended": why,
+        "ended": outcome.why,
+        "exit_status": str(outcome.exit_status),
+        "reason": outcome.reason,
         "ended_at": bench.clock.wall_time().isoformat(),
         "lasted_s": f"{bench.clock.now_s():.6f}",
         "worst_loop_gap_ms": f"{1e3 * worst_gap_s:.3f}",

@@ -1,5 +1,6 @@
 """From what the engine records to what is kept: blocks as the devices give them, then strokes and static stages."""
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,12 +13,15 @@ from rfca_rig.bench.stage_photos import read_stage_photos
 from rfca_rig.channels import HINGES, WRENCH
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, ShaftSamples
-from rfca_rig.engine.sink import Recorded
-from rfca_rig.protocol.plan import Flap, Hold
+from rfca_rig.engine.sink import Cycle, Recorded
+from rfca_rig.engine.stopping import UNSEEN, Standstill
+from rfca_rig.protocol.check import Load
+from rfca_rig.protocol.cycles import Cycles
+from rfca_rig.protocol.plan import Approach, Flap, Hold
 from rfca_rig.recording.blocks import Begin, Condition, End, event_block, samples_block, start_block
+from rfca_rig.recording.cycle_table import CYCLE_FORM, cycle_row
 from rfca_rig.recording.form import StaticStage, Stroke
 from rfca_rig.recording.keeper import Keeper
-from rfca_rig.recording.photo_store import PhotoStore
 from rfca_rig.recording.rows import stream_of
 from rfca_rig.vision.leg_photo import Eye
 
@@ -29,47 +33,87 @@ CLOCK_PAIR_EVERY_S = 10.0
 class Recorder:
     """The engine's sink: hands every tick's samples over, so that a crash costs none that were taken.
 
-    A stage is safe when the keeper has acknowledged it, which may be a moment after it is done. `strokes` and `stages` are those
-    that were done, for the closing lines.
+    A stage is safe when the keeper has acknowledged it, which may be a moment after it is done. `stages` are those that were done, for
+    the closing lines; `strokes` holds the last one only, for an hour of them is gigabytes. `where` says in or after which stage the run
+    is, `refused` how many of the `samples` the keeper did not take.
     """
 
-    def __init__(self, keeper: Keeper, scale: SensorScale, clock: Clock, photos: PhotoStore | None = None) -> None:
-        """`photos` takes the photos of static stages, where any are taken."""
+    def __init__(self, keeper: Keeper, scale: SensorScale, clock: Clock) -> None:
         self._keeper = keeper
         self._scale = scale
         self._clock = clock
-        self._photos = photos
         self._forms = (SHAFT_FORM, force_form(scale))
         self._paired_s = clock.now_s()
-        self.samples = 0
+        self.samples = self.refused = 0
+        self.where = "before the first stage"
+        self.cycles_done = 0
         self.worst_gap_s = 0.0
-        self.strokes: list[Stroke] = []
+        self.standstill = UNSEEN
+        self.tares: list[Floats] = []
+        self.strokes: deque[Stroke] = deque(maxlen=1)
         self.stages: list[StaticStage] = []
 
-    def begin(self, stage: Flap | Hold) -> None:
+    def begin(self, stage: Flap | Hold | Cycles) -> None:
         self.note("stage begins", stage=stage.label)
-        self._keeper.give(Begin(stage.label, stage.height_m, self._forms).block())
+        self.where = stage.label
+        forms = (CYCLE_FORM,) if isinstance(stage, Cycles) else self._forms
+        self._keeper.give(Begin(stage.label, stage.height_m, forms).block())
 
     def start(self, start_s: float, turns_rad: float) -> None:
         self._keeper.give(start_block(commanded_start(start_s, turns_rad)))
 
     def take(self, shaft: ShaftSamples, force: ForceSamples) -> None:
-        self.samples += len(shaft.host_s) + len(force.host_s)
+        count = len(shaft.host_s) + len(force.host_s)
+        self.samples, self.refused = self.samples + count, self.refused + count
         self._keeper.give(samples_block((shaft_rows(shaft), force_rows(force))))
-        if self._clock.now_s() - self._paired_s > CLOCK_PAIR_EVERY_S:
-            self.note("clocks")
+        self.refused -= count
+        self._note_clocks()
 
     def flap(self, stage: Flap, recorded: Recorded) -> None:
         self._keeper.give(End(stroke=Condition(stage.speed_rad_s, stage.repeat)).block())
         self.strokes.append(stroke_of(stage, recorded, self._scale))
+        self.where = f"after {stage.label}"
 
     def hold(self, stage: Hold, recorded: Recorded) -> None:
-        static_stage = replace(static_stage_of(stage, recorded, self._scale), photo=self._kept(recorded))
+        photo = self._keeper.keep_photo(recorded.photo.image) if recorded.photo else ""
+        static_stage = replace(static_stage_of(stage, recorded, self._scale), photo=photo)
         self._keeper.give(End(static=static_stage).block())
         self.stages.append(static_stage)
+        self.where = f"after {stage.label}"
 
-    def off(self, worst_gap_s: float) -> None:
-        self.worst_gap_s = worst_gap_s
+    def cycle(self, cycle: Cycle) -> None:
+        self.samples += 1
+        self.cycles_done = cycle.number
+        values = cycle.peak_force_N, cycle.peak_moment_Nm, cycle.min_fz_N, cycle.mean_speed_rad_s
+        self._keeper.give(samples_block((cycle_row(cycle.number, values, cycle.host_s, cycle.device_s),)))
+        self._note_clocks()
+
+    def cycles(self, stage: Cycles) -> None:
+        self._keeper.give(End().block())
+        self.note("cycles counted", stage=stage.label, last=self.cycles_done)
+        self.where = f"after {stage.label}"
+
+    def _note_clocks(self) -> None:
+        if self._clock.now_s() - self._paired_s > CLOCK_PAIR_EVERY_S:
+            self.note("clocks")
+
+    def rested(self, wrench: Floats) -> None:
+        """What the sensor feels of a leg that hangs still is its tare; how it drifts shows over a run."""
+        self.tares.append(wrench)
+        self.note("tare", **{name: round(float(value), 5) for name, value in zip(WRENCH, wrench, strict=True)})
+
+    def tare_drift(self) -> str:
+        """How far the sensor's zero went from the first rest to the last."""
+        if not self.tares:
+            return "unknown: the leg was never seen at rest in the air"
+        drift = self.tares[-1] - self.tares[0]
+        return f"{np.linalg.norm(drift[:3]):.3f} N, {np.linalg.norm(drift[3:]):.4f} N m from the first rest in the air to the last"
+
+    def approached(self, stage: Approach, peak: Load) -> None:
+        self.note("first stroke", stage=stage.label, force_N=round(peak.force_N, 3), torque_Nm=round(peak.torque_Nm, 4))
+
+    def off(self, worst_gap_s: float, standstill: Standstill) -> None:
+        self.worst_gap_s, self.standstill = worst_gap_s, standstill
 
     def note(self, event: str, **about: str | float) -> None:
         """One line for the run's events, with both clocks."""
@@ -80,15 +124,8 @@ class Recorder:
         return {"t_s": round(self._paired_s, 6), "utc": self._clock.wall_time().isoformat()}
 
     def read_photos(self, run_folder: Path, eye: Eye) -> None:
-        """Waits until every photo is on disk, and puts what they show into `stages`. For when nothing moves any more."""
-        if self._photos is not None:
-            lost = self._photos.finish()
-            self.stages = list(read_stage_photos(self.stages, run_folder, eye, lost))
-
-    def _kept(self, recorded: Recorded) -> str:
-        if recorded.photo is None or self._photos is None:
-            return ""
-        return self._photos.keep(recorded.photo.image)
+        """Puts what the photos show into `stages`. For when nothing moves any more, and the keeper has finished."""
+        self.stages = list(read_stage_photos(self.stages, run_folder, eye))
 
 
 def stroke_of(stage: Flap, recorded: Recorded, scale: SensorScale) -> Stroke:

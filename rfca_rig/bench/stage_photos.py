@@ -1,6 +1,6 @@
 """The photos of a run's static stages, read once the rig stands still: hinge angles, what could not be told, overlays."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from rfca_rig.drivers.picture_file import read_picture
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.form import Recording, StaticStage
-from rfca_rig.recording.photo_store import FOLDER
+from rfca_rig.recording.picture import FOLDER
 from rfca_rig.recording.sums import sum_line
 from rfca_rig.vision.hinge_angles import TELLABLE_STD_RAD, HingeAngles
 from rfca_rig.vision.leg_photo import Eye, LegPhoto, read_leg_photo
@@ -24,17 +24,17 @@ OVERLAY_QUALITY = 90
 SHAFT_APART_DEG = 2.0  # a photo of another stage, or a drive or camera whose zero is not the other's
 
 
-def read_stage_photos(stages: Sequence[StaticStage], run_folder: Path, eye: Eye, lost: Mapping[str, str]) -> tuple[StaticStage, ...]:
-    """The stages with what their photos show. `lost` says, by path, why a photo did not reach the disk.
+def read_stage_photos(stages: Sequence[StaticStage], run_folder: Path, eye: Eye) -> tuple[StaticStage, ...]:
+    """The stages with what their photos show.
 
     A photo that cannot be read leaves its stage without angles, and says so; stages without a photo stay as they are.
     """
-    return tuple(_with_photo_read(stage, run_folder, eye, lost) if stage.photo else stage for stage in stages)
+    return tuple(_with_photo_read(stage, run_folder, eye) if stage.photo else stage for stage in stages)
 
 
-def _with_photo_read(stage: StaticStage, run_folder: Path, eye: Eye, lost: Mapping[str, str]) -> StaticStage:
-    if stage.photo in lost:
-        return replace(stage, photo="", photo_doubts=f"the photo was lost: {lost[stage.photo]}")
+def _with_photo_read(stage: StaticStage, run_folder: Path, eye: Eye) -> StaticStage:
+    if not (run_folder / stage.photo).is_file():
+        return replace(stage, photo="", photo_doubts=f"the photo was lost: {stage.photo} did not reach the disk")
     try:
         seen = read_leg_photo(read_picture(run_folder / stage.photo), eye)
     except BadInput as error:
@@ -102,7 +102,7 @@ def with_photos_read(recording: Recording, run_folder: Path) -> Recording:
     eye = rig.eye_behind(kept["camera_file"], run_folder / "camera_file")
     if eye is None:
         return recording
-    static = read_stage_photos(recording.static, run_folder, eye, {})
+    static = read_stage_photos(recording.static, run_folder, eye)
     return replace(recording, static=static, provenance={**kept, **photo_hashes(run_folder)})
 
 

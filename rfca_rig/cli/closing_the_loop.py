@@ -8,17 +8,17 @@ from typing import Any
 
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.campaign.opening import open_with_belief
-from rfca_rig.cli.running import Order, carry_out
+from rfca_rig.cli.order import Order
+from rfca_rig.cli.running import carry_out
 from rfca_rig.cli.terminal import Say, marked
 from rfca_rig.description.model_file import ModelFile
-from rfca_rig.description.protocol_file import read_dynamic, read_static
+from rfca_rig.description.planning import read_plan
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.description.toml import checked, read_text
 from rfca_rig.diagnosis.next_protocol import NEXT_PROTOCOL
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.errors import BadInput
-from rfca_rig.protocol.experiments import flapping_plan, static_plan
-from rfca_rig.protocol.plan import Plan, Stage
+from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.form import Recording
 
 Diagnosing = Callable[[Sequence[Recording]], Diagnosis]
@@ -70,12 +70,12 @@ def _ending(diagnosis: Diagnosis) -> str:
 def _run(loop: Loop, rig: RigFile, first: Recording, number: int) -> Path:
     """The proposed protocol on the rig, as the run commands do it: plan printed and checked, a real rig armed by what is typed."""
     path = loop.out / NEXT_PROTOCOL
-    model, model_text = _belief(rig, first)
+    model, model_text = belief(rig, first)
     order = Order(
         rig=rig,
         rig_text=read_text(loop.rig_path),
         protocol_text=read_text(path),
-        plan=_plan(path, rig),
+        plan=read_plan(path, rig.facts()),
         seed=_seed(loop, rig, number),
         runs=loop.runs,
         quiet=loop.quiet,
@@ -93,12 +93,6 @@ def _unsaid(stage: Stage, recorder: Recorder, say: Say) -> None:
     """Every stage stands in the progress bar, none on a line of its own."""
 
 
-def _plan(path: Path, rig: RigFile) -> Plan:
-    if 'experiment = "static"' in read_text(path).splitlines():
-        return static_plan(read_static(path).static_stages(), rig.facts())
-    return flapping_plan(read_dynamic(path).flapping(), rig.facts())
-
-
 def _seed(loop: Loop, rig: RigFile, number: int) -> int | None:
     """A twin's noise differs from round to round."""
     if rig.is_real or rig.twin is None:
@@ -106,7 +100,7 @@ def _seed(loop: Loop, rig: RigFile, number: int) -> int | None:
     return (rig.twin.seed if loop.seed is None else loop.seed) + number
 
 
-def _belief(rig: RigFile, first: Recording) -> tuple[ModelFile | None, str]:
+def belief(rig: RigFile, first: Recording) -> tuple[ModelFile | None, str]:
     """What the recordings so far believe, where that is not what the rig file says: only recordings of one belief go together."""
     known_to = rig.known_to.model_dump(exclude_none=True) if rig.known_to else {}
     if rig.believed() == first.believed and known_to == first.known_to:

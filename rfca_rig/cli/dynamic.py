@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.options import Dry, Json, Model, Rig, Runs, Seed
+from rfca_rig.cli.options import Dry, Json, Model, Operator, Rig, Runs, Sample, Seed
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.phases import Refused
@@ -37,6 +37,8 @@ def run(
     report: Annotated[Path | None, typer.Option("--report", metavar="DIR", help="Write the report of this run there as well.")] = None,
     runs: Runs = Path("runs"),
     seed: Seed = None,
+    operator: Operator = "",
+    sample: Sample = "",
     dry_run: Dry = False,
     as_json: Json = False,
 ) -> None:
@@ -44,8 +46,9 @@ def run(
 
     Example: rfca-rig dynamic run --height 215 --speed 2.433 --repeats 5
     """
+    from rfca_rig.cli.order import Order
     from rfca_rig.cli.places import find_file
-    from rfca_rig.cli.running import Order, carry_out
+    from rfca_rig.cli.running import carry_out
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.description.rig_file import read_rig
@@ -57,10 +60,25 @@ def run(
     asked = _as_asked(read_dynamic(protocol_path), height, speed, repeats)
     plan = flapping_plan(asked.flapping(), rig_file.facts())
     supposed, model_text = (read_model_file(model), read_text(model)) if model else (None, "")
-    order = Order(rig_file, read_text(rig_path), read_text(protocol_path), plan, seed, runs, as_json, dry_run, supposed, model_text)
-    folder, recorder = carry_out(order, _say_valley)
-    if folder is not None and recorder is not None:
-        _close(order.mark, folder, recorder.strokes, report, as_json)
+    order = Order(
+        rig_file,
+        read_text(rig_path),
+        read_text(protocol_path),
+        plan,
+        seed,
+        runs,
+        as_json,
+        dry_run,
+        supposed,
+        model_text,
+        rig_name=rig,
+        operator=operator,
+        sample=sample,
+    )
+    valleys = Valleys()
+    folder, _ = carry_out(order, valleys.say_stage)
+    if folder is not None:
+        _close(order.mark, folder, valleys.rows, report, as_json)
 
 
 def _as_asked(protocol: "DynamicFile", height_mm: float | None, speed_rad_s: float | None, repeats: int | None) -> "DynamicFile":
@@ -78,12 +96,28 @@ def _as_asked(protocol: "DynamicFile", height_mm: float | None, speed_rad_s: flo
     return DynamicFile.model_validate(protocol.model_copy(update=changes).model_dump())
 
 
-def _say_valley(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
+def say_valley(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
+    """A line for every stroke."""
     from rfca_rig.analysis.valley import stroke_valley
     from rfca_rig.protocol.plan import Flap
 
     if isinstance(stage, Flap):
         say(f"{stage.label}: {valley_text(stroke_valley(recorder.strokes[-1]))}")
+
+
+class Valleys:
+    """A line for every stroke, and a row of numbers for the end; the strokes themselves stay on disk."""
+
+    def __init__(self) -> None:
+        self.rows: list[dict[str, float | None]] = []
+
+    def say_stage(self, stage: "Stage", recorder: "Recorder", say: "Say") -> None:
+        """Called after each."""
+        from rfca_rig.protocol.plan import Flap
+
+        if isinstance(stage, Flap):
+            self.rows.append(_row(recorder.strokes[-1]))
+            say_valley(stage, recorder, say)
 
 
 def valley_text(valley: "Valley | Refused") -> str:
@@ -93,35 +127,30 @@ def valley_text(valley: "Valley | Refused") -> str:
     return f"valley ({valley.time_s:.3f} s, {valley.fz_N:.2f} N)" if isinstance(valley, Valley) else f"no valley: {valley.reason}"
 
 
-def _close(mark: str, folder: Path, strokes: "list[Stroke]", report: Path | None, as_json: bool) -> None:
+def _close(mark: str, folder: Path, rows: list[dict[str, float | None]], report: Path | None, as_json: bool) -> None:
     """The last lines: where the recording is, and what to type next."""
+    import json
+
     if report is not None:
         from rfca_rig.cli.reporting import write
 
         write([folder], report, "average", as_json=False, quiet=as_json)
     if as_json:
-        _print_json(mark, folder, strokes)
+        typer.echo(json.dumps({"source": mark, "run": str(folder), "strokes": rows}, indent=1))
         return
     following = f"open {report / 'report.html'}" if report else f"next: rfca-rig report {folder} --out report"
-    typer.echo(f"{mark} recorded {len(strokes)} strokes in {folder}; {following}", err=True)
+    typer.echo(f"{mark} recorded {len(rows)} strokes in {folder}; {following}", err=True)
 
 
-def _print_json(mark: str, folder: Path, strokes: "list[Stroke]") -> None:
-    import json
-
+def _row(stroke: "Stroke") -> dict[str, float | None]:
     from rfca_rig.analysis.valley import Valley, stroke_valley
 
-    rows = []
-    for stroke in strokes:
-        valley = stroke_valley(stroke)
-        found = valley if isinstance(valley, Valley) else None
-        rows.append(
-            {
-                "height_mm": round(1e3 * stroke.height_m, 6),
-                "speed_rad_s": stroke.speed_rad_s,
-                "repeat": stroke.repeat,
-                "valley_time_s": None if found is None else found.time_s,
-                "valley_fz_N": None if found is None else found.fz_N,
-            }
-        )
-    typer.echo(json.dumps({"source": mark, "run": str(folder), "strokes": rows}, indent=1))
+    valley = stroke_valley(stroke)
+    found = valley if isinstance(valley, Valley) else None
+    return {
+        "height_mm": round(1e3 * stroke.height_m, 6),
+        "speed_rad_s": stroke.speed_rad_s,
+        "repeat": stroke.repeat,
+        "valley_time_s": None if found is None else found.time_s,
+        "valley_fz_N": None if found is None else found.fz_N,
+    }

@@ -16,12 +16,15 @@ from rfca_rig.cli import (
     diagnosing,
     doctoring,
     dynamic,
+    fatigue,
     fitting,
     importing,
+    planning,
     predicting,
     proving,
     recovering,
     reporting,
+    resuming,
     serving,
     static,
     strip,
@@ -40,11 +43,14 @@ app = typer.Typer(
 )
 app.add_typer(dynamic.app, name="dynamic")
 app.add_typer(static.app, name="static")
+app.add_typer(fatigue.app, name="fatigue")
 app.add_typer(serving.app, name="twin")
 app.add_typer(calibrating.app, name="calibrate")
 app.command("import")(importing.import_folder)
+app.command("resume")(resuming.resume)
 app.command("recover")(recovering.recover)
 app.command("check")(checking.check)
+app.command("plan")(planning.plan)
 app.command("predict")(predicting.predict)
 app.command("report")(reporting.report)
 app.command("fit")(fitting.fit)
@@ -71,7 +77,7 @@ def _options(
 
 
 def run() -> None:
-    """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 130 stopped."""
+    """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 4 worn out, 130 stopped."""
     logging.getLogger("can").setLevel(logging.ERROR)  # python-can warns of every frame that came in two pieces
     try:
         sys.exit(app(standalone_mode=False) or 0)

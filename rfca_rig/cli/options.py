@@ -12,5 +12,7 @@ Model = Annotated[
     Path | None,
     typer.Option("--model", metavar="FILE", help="A model file, as fit --out writes it, in place of the model that was believed."),
 ]
+Operator = Annotated[str, typer.Option("--operator", metavar="NAME", help="Who runs the rig; the login name if not given.")]
+Sample = Annotated[str, typer.Option("--sample", metavar="NAME", help="Which specimen is on the rig, as it is labelled.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output.")]
 Dry = Annotated[bool, typer.Option("--dry-run", help="Print and check the plan, move nothing.")]

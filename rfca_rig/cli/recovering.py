@@ -25,35 +25,38 @@ def recover(
 
     from rfca_rig.campaign.opening import RECORDING_NAME
     from rfca_rig.recording.run_folder import is_run
+    from rfca_rig.recording.tally import tally_of
 
     path = run if run.suffix == ".h5" else run / RECORDING_NAME
     recording = _recovered(path.parent) if is_run(path.parent) else _older(path)
+    found = tally_of(path, thorough=False)
     if as_json:
-        counted = {"strokes": len(recording.strokes), "static_stages": len(recording.static), "raw_stages": len(recording.raw)}
+        counted = {"strokes": found.strokes, "static_stages": found.static, "raw_stages": found.raw}
         typer.echo(json.dumps({"source": recording.source, "run": str(path), "title": recording.title, **counted}, indent=1))
         return
-    cut_short = "".join(f", {raw.label} until it was cut short" for raw in recording.raw if raw.cut_short)
-    counted_text = f"{len(recording.strokes)} strokes and {len(recording.static)} static stages{cut_short}"
+    cut_short = "".join(f", {label} until it was cut short" for label in found.cut_short)
+    counted_text = f"{found.strokes} strokes and {found.static} static stages{cut_short}"
     typer.echo(f"{recording.source} recovered {counted_text} in {path}; next: rfca-rig report {path} --out report", err=True)
 
 
 def _recovered(folder: Path) -> "Recording":
+    """The run without its samples."""
     from rfca_rig.bench.stage_photos import with_photos_read
     from rfca_rig.errors import BadInput
     from rfca_rig.recording import run_folder
-    from rfca_rig.recording.run_text import Ending, read_ending, write_ending
+    from rfca_rig.recording.run_text import INTERRUPTED, Ending, read_ending, write_ending
 
     if run_folder.is_whole(folder):
         raise BadInput(f"{folder}: is whole; there is nothing to recover")
     run_folder.close_journals(folder)
     if read_ending(folder) is None:
-        found = run_folder.read_stages(folder)
+        found = run_folder.read_without_samples(folder)
         seen = with_photos_read(found, folder)
         added = {name: text for name, text in seen.provenance.items() if name != "events" and found.provenance.get(name) != text}
-        interrupted = {run_folder.INTERRUPTED: found.provenance[run_folder.INTERRUPTED]}
+        interrupted = {INTERRUPTED: found.provenance[INTERRUPTED]}
         write_ending(folder, Ending({**interrupted, **added}, seen.static))
     run_folder.build(folder)
-    return run_folder.read_stages(folder)
+    return run_folder.read_without_samples(folder)
 
 
 def _older(path: Path) -> "Recording":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli import static_photos, static_reporting
-from rfca_rig.cli.options import Dry, Json, Model, Rig, Runs, Seed
+from rfca_rig.cli.options import Dry, Json, Model, Operator, Rig, Runs, Sample, Seed
 
 if TYPE_CHECKING:
     from rfca_rig.bench.recorder import Recorder
@@ -32,6 +32,8 @@ def run(
     model: Model = None,
     runs: Runs = Path("runs"),
     seed: Seed = None,
+    operator: Operator = "",
+    sample: Sample = "",
     dry_run: Dry = False,
     as_json: Json = False,
 ) -> None:
@@ -39,8 +41,9 @@ def run(
 
     Example: rfca-rig static run
     """
+    from rfca_rig.cli.order import Order
     from rfca_rig.cli.places import find_file
-    from rfca_rig.cli.running import Order, carry_out
+    from rfca_rig.cli.running import carry_out
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.protocol_file import read_static
     from rfca_rig.description.rig_file import read_rig
@@ -51,10 +54,24 @@ def run(
     rig_file = read_rig(rig_path)
     plan = static_plan(read_static(protocol_path).static_stages(), rig_file.facts())
     supposed, model_text = (read_model_file(model), read_text(model)) if model else (None, "")
-    order = Order(rig_file, read_text(rig_path), read_text(protocol_path), plan, seed, runs, as_json, dry_run, supposed, model_text)
+    order = Order(
+        rig_file,
+        read_text(rig_path),
+        read_text(protocol_path),
+        plan,
+        seed,
+        runs,
+        as_json,
+        dry_run,
+        supposed,
+        model_text,
+        rig_name=rig,
+        operator=operator,
+        sample=sample,
+    )
     if rig_file.camera and plan.photos:
         order = replace(order, eye=rig_file.eye(), camera_text=read_text(Path(rig_file.camera.calibration_file)))
-    folder, recorder = carry_out(order, _say_stage)
+    folder, recorder = carry_out(order, say_stage)
     if folder is None or recorder is None:
         return
     if as_json:
@@ -66,7 +83,8 @@ def run(
         typer.echo(f"{order.mark} recorded {len(recorder.stages)} stages in {folder}; next: rfca-rig {following}", err=True)
 
 
-def _say_stage(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
+def say_stage(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
+    """A line for every static stage."""
     from rfca_rig.protocol.plan import Hold
 
     if isinstance(stage, Hold):

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -31,7 +31,7 @@ def progress_bar(mark: str, total_s: float, quiet: bool) -> Iterator[tuple[Calla
             progress.update(task, advance=rig_s, description=label)
 
         def say(line: str) -> None:
-            progress.console.print(f"{mark} {line}", markup=False, soft_wrap=True)
+            _print(progress.console, mark, line)
 
         yield advance, say
 
@@ -39,4 +39,10 @@ def progress_bar(mark: str, total_s: float, quiet: bool) -> Iterator[tuple[Calla
 def marked(mark: str, quiet: bool) -> Say:
     """Prints lines that begin with the mark, on the error stream so that --json owns the output."""
     console = Console(file=sys.stderr, quiet=quiet, highlight=False)
-    return lambda line: console.print(f"{mark} {line}", markup=False, soft_wrap=True)
+    return lambda line: _print(console, mark, line)
+
+
+def _print(console: Console, mark: str, line: str) -> None:
+    """A terminal that was closed must keep no motor from stopping and no recording from being finished."""
+    with suppress(OSError):
+        console.print(f"{mark} {line}", markup=False, soft_wrap=True)

@@ -1,6 +1,6 @@
 """[motor] in a rig file: one section per kind of drive, told apart by `device`."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -11,12 +11,32 @@ LOOP_RATE_HZ = 500.0  # of commands while a stroke runs: what a drive that only 
 
 
 class MotorSection(Section):
-    """What every drive on CAN has: the bus, and which way it turns the shaft."""
+    """What every drive on CAN has: the bus, and which way it turns the shaft.
+
+    On a real rig a `guardian` holds the bus of a drive that has no watchdog: a process that takes the torque away where no
+    command came for `guardian_silence_ms`.
+    """
+
+    needs_guardian: ClassVar[bool] = False
 
     direction: Literal[1, -1]
     interface: str = "socketcan"
     channel: str = "can0"
     bitrate: Annotated[int, Field(gt=0)] = 1_000_000
+    guardian: bool | None = None
+    guardian_silence_ms: Annotated[float, Field(ge=20, le=300)] = 100.0
+
+    @field_validator("guardian")
+    @classmethod
+    def _only_where_it_is_needed(cls, guardian: bool | None) -> bool | None:
+        if guardian and not cls.needs_guardian:
+            raise ValueError("is for drives without a watchdog; this one has its own, which is proven before a run: leave the key out")
+        return guardian
+
+    @property
+    def is_guarded(self) -> bool:
+        """Whether a guardian holds the bus on a real rig."""
+        return self.needs_guardian if self.guardian is None else self.guardian
 
     @property
     def reports_Hz(self) -> float:
@@ -61,6 +81,8 @@ class CubemarsMitSection(MotorSection):
     turns from where its zero was set. `speed_gain_Nm_s_per_rad` (kd) is sent to the drive, `angle_gain_per_s` is the driver's.
     """
 
+    needs_guardian: ClassVar[bool] = True
+
     device: Literal["cubemars-mit"]
     drive_id: Annotated[int, Field(ge=1, le=126)]
     model: str
@@ -82,6 +104,8 @@ class CubemarsServoSection(MotorSection):
     Pole pairs and gear ratio stand in CubeMarsTool, the torque constant (of the motor, before the gear) in the data sheet; without
     them its speeds and currents mean nothing.
     """
+
+    needs_guardian: ClassVar[bool] = True
 
     device: Literal["cubemars-servo"]
     drive_id: Annotated[int, Field(ge=0, le=255)]

@@ -9,6 +9,7 @@ from pydantic import Field
 from rfca_rig.description.sections import Positive, Section
 from rfca_rig.description.toml import read_toml
 from rfca_rig.protocol.experiments import Condition, Flapping, StaticStages
+from rfca_rig.protocol.fatigue import Check, Fatigue
 from rfca_rig.protocol.plan import Direction, SettleCriterion
 
 HeightMm = Annotated[float, Field(gt=0, le=1000)]
@@ -106,6 +107,55 @@ class StaticFile(Section):
         other: Direction = "unloading" if stage.direction == "loading" else "loading"
         way = -1.0 if stage.direction == "loading" else 1.0
         return [(stage.angle_deg, stage.direction), (stage.angle_deg + way * back_deg, other)]
+
+
+class CheckSection(Section):
+    """[check]: after every `every` cycles the shaft is held at `angles_deg`; the run ends where the forces there drifted too far."""
+
+    every: Annotated[int, Field(ge=1)]
+    angles_deg: Annotated[tuple[Annotated[float, Field(ge=0, le=180)], ...], Field(min_length=1, strict=False)]
+    move_speed_rad_s: Positive
+    average_s: Annotated[float, Field(ge=0.05, le=600)]
+    dwell_s: Annotated[float, Field(ge=0, le=600)] = 0.0
+    drift_percent: Annotated[float, Field(gt=0, le=100)]
+
+    def check(self) -> Check:
+        angles_rad = tuple(float(np.radians(angle_deg)) for angle_deg in self.angles_deg)
+        return Check(self.every, angles_rad, self.move_speed_rad_s, self.dwell_s, self.average_s, self.drift_percent / 100.0)
+
+
+class FatigueFile(Section):
+    """Bending cycles at one height: of each a row of numbers, every `full_every`-th as a stroke with all its samples."""
+
+    experiment: Literal["fatigue"]
+    title: str
+    height_mm: HeightMm
+    speed_rad_s: Positive
+    cycles: Annotated[int, Field(ge=1, le=1_000_000_000)]
+    full_every: Annotated[int, Field(ge=1)]
+    sweep_deg: Annotated[float, Field(gt=0, le=330)]
+    return_speed_rad_s: Positive
+    settle: SettleSection
+    check: CheckSection
+
+    def fatigue(self) -> Fatigue:
+        """The experiment in SI units."""
+        return Fatigue(
+            title=self.title,
+            height_m=self.height_mm / 1e3,
+            speed_rad_s=self.speed_rad_s,
+            cycles=self.cycles,
+            full_every=self.full_every,
+            sweep_rad=float(np.radians(self.sweep_deg)),
+            return_speed_rad_s=self.return_speed_rad_s,
+            settle=self.settle.criterion(),
+            check=self.check.check(),
+        )
+
+
+def read_fatigue(path: Path) -> FatigueFile:
+    """The fatigue protocol in `path`; BadInput, with file and line, where it cannot be used."""
+    return read_toml(path, FatigueFile)
 
 
 def read_dynamic(path: Path) -> DynamicFile:

@@ -39,8 +39,16 @@ class RigSection(Section):
     parked_angle_deg: Annotated[float, Field(ge=-90, le=90)]
 
 
+Share = Annotated[float, Field(gt=0, lt=1)]
+FIRST_STROKES = (0.5, 0.75)
+
+
 class LimitsSection(Section):
-    """What stops the motion at once; every one must be set."""
+    """What stops the motion at once; every one must be set.
+
+    `first_strokes` are the shares of a condition's speed at which its first strokes are done, so that the force at full speed is foretold
+    before it is felt; left out, a real rig does them at 0.5 and 0.75, a twin none.
+    """
 
     force_N: Positive
     torque_Nm: Positive
@@ -49,6 +57,12 @@ class LimitsSection(Section):
     following_error_deg_s_per_rad: NotNegative
     sensor_silent_ms: Positive
     drive_silent_ms: Positive
+    sensor_frozen_ms: Positive
+    above_expected: Annotated[float, Field(ge=1)]
+    above_expected_ms: Positive
+    temperature_degC: Positive
+    late_ms: Positive
+    first_strokes: Annotated[tuple[Share, ...], Field(strict=False)] | None = None
 
 
 class TwinDriveSection(Section):
@@ -130,7 +144,12 @@ class RigFile(Section):
             limits=self._limits(),
             rates=Rates(self.force_sensor.rate_Hz, self.motor.reports_Hz),
             photo_limit_s=self.camera.photo_limit_s if self.camera else 0.0,
+            first_strokes=self._first_strokes(),
         )
+
+    def _first_strokes(self) -> tuple[float, ...]:
+        unless_said = FIRST_STROKES if self.is_real else ()
+        return unless_said if self.limits.first_strokes is None else tuple(sorted(self.limits.first_strokes))
 
     def eye(self) -> Eye | None:
         """What the camera's photos are read with; None without [camera]. Raises BadInput where its calibration cannot be used."""
@@ -156,6 +175,11 @@ class RigFile(Section):
             following_error_s=float(np.radians(limits.following_error_deg_s_per_rad)),
             sensor_silent_s=1e-3 * limits.sensor_silent_ms,
             drive_silent_s=1e-3 * limits.drive_silent_ms,
+            sensor_frozen_s=1e-3 * limits.sensor_frozen_ms,
+            above_expected=limits.above_expected,
+            above_expected_s=1e-3 * limits.above_expected_ms,
+            temperature_C=limits.temperature_degC,
+            late_s=1e-3 * limits.late_ms,
         )
 
 

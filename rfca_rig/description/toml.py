@@ -25,6 +25,11 @@ def read_toml(path: Path, model: type[Model]) -> Model:
     return model_of(read_text(path), model, path)
 
 
+def read_data(path: Path) -> dict[str, Any]:
+    """The file's content as TOML has it, of whatever form. Raises BadInput where it is no TOML."""
+    return _parsed(read_text(path), path)
+
+
 def model_of(text: str, model: type[Model], path: Path) -> Model:
     """The same of a text that stood, or might have stood, at `path`."""
     data = _parsed(text, path)

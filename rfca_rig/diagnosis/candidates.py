@@ -170,7 +170,7 @@ class StageCandidate:
         return {"kind": self.kind, "height_mm": round(1e3 * self.height_m, 3), "stages": stages}
 
 
-NO_LIMITS = Limits(*[np.inf] * 7)  # loads are held against the room
+NO_LIMITS = Limits(*[np.inf] * 12)  # loads are held against the room
 
 
 def flap_conditions(flaps: Sequence[FlapCondition], heights_m: Sequence[float], room: Room) -> Iterator[tuple[float, float]]:

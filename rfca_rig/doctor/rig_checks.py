@@ -28,4 +28,6 @@ def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
 
 
 def _watchdog_s(rig: RigFile) -> float:
-    return rig.motor.watchdog_ms / 1e3 if isinstance(rig.motor, MoteusSection) else USUAL_WATCHDOG_S
+    if isinstance(rig.motor, MoteusSection):
+        return rig.motor.watchdog_ms / 1e3
+    return rig.motor.guardian_silence_ms / 1e3 if rig.motor.is_guarded else USUAL_WATCHDOG_S

@@ -7,9 +7,11 @@ import can
 from rfca_rig.clock import Clock
 from rfca_rig.codecs.cubemars_meanings import error_text
 from rfca_rig.codecs.cubemars_mit import MitCommand, Special, encode_command, encode_special, nearest_speed
-from rfca_rig.drivers.can_frames import send
+from rfca_rig.drivers.can_frames import send, send_stop
+from rfca_rig.drivers.cubemars_last_word import MitLastWord
 from rfca_rig.drivers.cubemars_mit_replies import MitReplies
 from rfca_rig.drivers.cubemars_settings import MitSettings
+from rfca_rig.drivers.guard import LET_GO, Guard, arm, prove_guard
 from rfca_rig.drivers.moving_target import MovingTarget
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import DeviceError
@@ -19,8 +21,6 @@ __all__ = ["CubemarsMitMotor", "MitSettings"]
 POLL_S = 2e-3
 HELD_S = 0.05  # how long the drive is watched after it was energised
 MOST_MOVED_RAD = 0.1
-LEAST_LOAD_COUNTS = 10
-LET_GO = 0.25
 
 
 class CubemarsMitMotor:
@@ -33,10 +33,14 @@ class CubemarsMitMotor:
     shaft that does not follow.
     """
 
-    def __init__(self, bus: can.BusABC, clock: Clock, settings: MitSettings) -> None:
+    def __init__(self, bus: can.BusABC, clock: Clock, settings: MitSettings, guard: Guard | None = None) -> None:
+        """`guard` holds the bus where there is one; nearly no firmware has a watchdog of its own."""
         self._bus = bus
         self._clock = clock
         self._settings = settings
+        self._guard = guard
+        self._proof = "none"
+        self._last_word = MitLastWord(settings)
         self._replies = MitReplies(bus, clock, settings)
         self._target: MovingTarget | None = None
 
@@ -47,9 +51,12 @@ class CubemarsMitMotor:
         or that the shaft moved. The motor is off after a refusal.
         """
         self.disable()
+        if self._replies.zero_lost is not None:
+            raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start anew")
         self._await_replies()
         self._target = self._target_at(self._replies.angle_rad)
         began_rad, until_s = self._replies.angle_rad, self._clock.now_s() + HELD_S
+        self._arm()
         self._send(encode_special(Special.ENTER))
         while self._clock.now_s() < until_s:
             self._command_angle(began_rad, 0.0)
@@ -57,17 +64,22 @@ class CubemarsMitMotor:
             self._refuse_if_moved(began_rad)
         self._refuse_if_error()
 
+    def _arm(self) -> None:
+        if self._guard is not None:
+            arm(self._guard)
+
     def _target_at(self, angle_rad: float) -> MovingTarget:
         return MovingTarget(self._settings.angle_gain_per_s, self._settings.most_behind_rad, angle_rad, self._clock.now_s())
 
     def _await_replies(self) -> None:
         self._replies.drain()
+        self._replies.samples()  # answers to what was asked before a pause, taken for answers to what was asked now
         self._replies.recount()
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
         while self._replies.missing() is not None:
             if self._clock.now_s() > deadline_s:
                 raise DeviceError(f"drive not enabled: within {self._settings.enable_timeout_s:g} s {self._replies.missing()}")
-            self._send(self._limp())
+            self._send(self._last_word.limp().data)
             self._wait_and_drain()
 
     def _refuse_if_moved(self, began_rad: float) -> None:
@@ -111,18 +123,20 @@ class CubemarsMitMotor:
         rounded_away_Nm = gain * (wanted_rad_s - carried_rad_s)
         self._send(encode_command(ranges, MitCommand(0.0, carried_rad_s, 0.0, gain, rounded_away_Nm)))
 
-    def _limp(self) -> bytes:
-        """No gains, and of the two codes nearest to no torque one: less than a thousandth of the range, and only while energised."""
-        return encode_command(self._settings.ranges, MitCommand(0.0, 0.0, 0.0, 0.0, 0.0))
-
     def disable(self) -> None:
-        """Takes the torque away. Raises DeviceError when a frame cannot be sent; nothing else may stop the motor then."""
+        """Takes the torque away, within 20 ms. Raises DeviceError when a frame cannot be sent; only a guardian may stop it then."""
         self._target = None
-        self._send(self._limp())
-        self._send(encode_special(Special.EXIT))
+        try:
+            send_stop(self._bus, self._clock, self._last_word.frames())
+        finally:
+            self._replies.asked()
+            self._replies.asked()
 
     def prove_watchdog(self, limit_s: float) -> float:
         """Says nothing for `limit_s`, then asks once, and returns the time that passed: the drive let go within it.
+
+        With a guardian, it says nothing until that let go and the drive answered it, and returns the time until it was seen without
+        torque; `identity` says what that rests on.
 
         A drive in MIT mode does not tell what state it is in, and not every firmware has a watchdog. What shows it is a load that
         it held before, the leg's weight, and holds no more; or that it does not answer, because something cut its supply. The
@@ -130,6 +144,8 @@ class CubemarsMitMotor:
         """
         self._replies.drain()
         held_Nm = self._replies.torque_Nm
+        if self._guard is not None:
+            return self._prove_guard(self._guard, held_Nm, limit_s)
         started_s = self._clock.now_s()
         self._clock.wait_until(started_s + limit_s)
         still_there = self._asked_once()
@@ -139,6 +155,14 @@ class CubemarsMitMotor:
         if still_there:
             self._refuse_proof(held_Nm, let_go, limit_s)
         return elapsed_s
+
+    def _prove_guard(self, guard: Guard, held_Nm: float, limit_s: float) -> float:
+        try:
+            proof = prove_guard(guard, held_Nm, self._last_word.least_Nm(), limit_s, answers=True)
+        finally:
+            self.disable()
+        self._proof = proof.seen
+        return proof.took_s
 
     def _asked_once(self) -> bool:
         """ENTER changes neither set-points nor, in firmware that has a watchdog, its count; but it is answered."""
@@ -150,8 +174,8 @@ class CubemarsMitMotor:
         return self._replies.heard > 0
 
     def _refuse_proof(self, held_Nm: float, let_go: bool, limit_s: float) -> None:
-        least_Nm = LEAST_LOAD_COUNTS * 2.0 * self._settings.ranges.torque_Nm / 4095
-        remedy = "put a relay into its supply that opens when this computer falls silent"
+        least_Nm = self._last_word.least_Nm()
+        remedy = "let a guardian hold its bus (guardian = true), or put a relay into its supply that opens when this computer falls silent"
         if abs(held_Nm) < least_Nm:
             raise DeviceError(
                 f"drive's watchdog not proven: the motor held {abs(held_Nm):.3f} N m, too little to see it let go (at least "
@@ -170,7 +194,9 @@ class CubemarsMitMotor:
     def status(self) -> MotorStatus:
         """The state is what was ordered: the drive tells only its errors."""
         state = "off" if self._target is None else "MIT mode"
-        return MotorStatus(state, self._fault(), self._replies.silent_s)
+        reply = self._replies.reply
+        temperature_C = None if reply is None or reply.temperature_degC is None else float(reply.temperature_degC)
+        return MotorStatus(state, self._fault(), self._replies.silent_s, temperature_C)
 
     def _fault(self) -> str | None:
         reply, silent_s, limit_s = self._replies.reply, self._replies.silent_s, self._settings.reply_timeout_s
@@ -180,7 +206,7 @@ class CubemarsMitMotor:
             return fault
         if silent_s > limit_s:
             return f"no reply for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's power and the CAN wiring"
-        return None
+        return self._replies.health.fault
 
     def identity(self) -> dict[str, str]:
         """For the recording; whether the firmware sends errors is known after `enable`."""
@@ -197,11 +223,17 @@ class CubemarsMitMotor:
             "errors_told": "unknown" if reply is None else "no" if reply.error is None else "yes",
             "temperature_degC": "unknown" if reply is None or reply.temperature_degC is None else str(reply.temperature_degC),
             "replies_lost": str(self._replies.lost),
+            "guardian": "none" if self._guard is None else self._guard.describe(),
+            "guardian_proof": self._proof,
+            **self._replies.health.facts(),
         }
 
-    def _send(self, data: bytes) -> None:
-        send(self._bus, can.Message(arbitration_id=self._settings.drive_id, data=data, is_extended_id=False))
+    def _send(self, data: bytes | bytearray) -> None:
+        send(self._bus, self._message(data))
         self._replies.asked()
+
+    def _message(self, data: bytes | bytearray) -> can.Message:
+        return can.Message(arbitration_id=self._settings.drive_id, data=data, is_extended_id=False)
 
     def _wait_and_drain(self) -> None:
         self._clock.wait_until(self._clock.now_s() + POLL_S)

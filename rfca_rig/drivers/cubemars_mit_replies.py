@@ -9,6 +9,7 @@ import numpy as np
 from rfca_rig.clock import Clock
 from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_mit import MitReply, decode_reply, position_of
+from rfca_rig.drivers.bus_health import BusHealth
 from rfca_rig.drivers.can_frames import arrived
 from rfca_rig.drivers.cubemars_settings import MitSettings
 from rfca_rig.drivers.roles import ShaftSamples
@@ -44,6 +45,7 @@ class MitReplies:
         self.at_s = -np.inf
         self.angle_rad = self.speed_rad_s = self.torque_Nm = np.nan
         self.lost = 0
+        self.health = BusHealth()
         self.recount()
 
     def recount(self) -> None:
@@ -54,6 +56,7 @@ class MitReplies:
         self._masters: set[int] = set()
         self._servo: set[int] = set()
         self.heard = 0
+        self.at_s = -np.inf  # the next reply counts, even at the moment of an older one
         self._told_errors = self._is_cut = False
 
     def asked(self) -> None:
@@ -69,7 +72,7 @@ class MitReplies:
         self.drained_s = self._clock.now_s()
         replies: list[MitReply] = []
         try:
-            for message in arrived(self._bus):
+            for message in arrived(self._bus, self.health):
                 self._take(message, replies)
         finally:
             self._stamp(replies)
@@ -144,6 +147,11 @@ class MitReplies:
     def motion_fault(self) -> str | None:
         """What is wrong with the reported motion, since `recount`."""
         return self._position.fault or self._speed.fault
+
+    @property
+    def zero_lost(self) -> str | None:
+        """Why the angle is not to be believed any more; not forgiven."""
+        return self._position.leap
 
     @property
     def form_fault(self) -> str | None:

@@ -7,10 +7,11 @@ import can
 from rfca_rig.clock import Clock
 from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_meanings import error_text
-from rfca_rig.codecs.cubemars_servo import STATUS_A
-from rfca_rig.drivers.can_frames import send
+from rfca_rig.drivers.can_frames import send, send_stop
+from rfca_rig.drivers.cubemars_last_word import ServoLastWord
 from rfca_rig.drivers.cubemars_servo_reports import ServoReports
 from rfca_rig.drivers.cubemars_settings import ServoSettings
+from rfca_rig.drivers.guard import LET_GO, Guard, arm, prove_guard
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import DeviceError
 
@@ -22,8 +23,6 @@ GENTLY_RAD_S = 0.3  # at most, while the drive is energised: a position counter 
 GENTLY_RAD_S2 = 10.0
 HELD_S = 0.4
 MOST_MOVED_RAD = 0.08
-LEAST_LOAD_COUNTS = 10
-LET_GO = 0.25
 LET_GO_S = 0.05
 
 
@@ -35,10 +34,14 @@ class CubemarsServoMotor:
     in 16 bits: after more than nine turns in an earlier session what it shows is off by 6553.6 degrees. `enable` finds that out.
     """
 
-    def __init__(self, bus: can.BusABC, clock: Clock, settings: ServoSettings) -> None:
+    def __init__(self, bus: can.BusABC, clock: Clock, settings: ServoSettings, guard: Guard | None = None) -> None:
+        """`guard` holds the bus where there is one; nearly no firmware has a watchdog of its own."""
         self._bus = bus
         self._clock = clock
         self._settings = settings
+        self._guard = guard
+        self._proof = "none"
+        self._last_word = ServoLastWord(settings)
         self._reports = ServoReports(bus, clock, settings)
         self._armed = False
 
@@ -49,12 +52,17 @@ class CubemarsServoMotor:
         drive refuses; or that it began to turn, because it counts its turns otherwise than it shows. The motor is off after that.
         """
         self.disable()
+        if self._reports.zero_lost is not None:
+            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start anew")
         self._await_status()
+        if self._guard is not None:
+            arm(self._guard)
         self._hold_gently(self._reports.position_deg, self._reports.angle_rad)
         self._armed = True
 
     def _await_status(self) -> None:
         self._reports.drain()
+        self._reports.samples()  # what has dammed up while nobody looked has holes, and is handed to nobody
         self._reports.recount()
         started_s, timeout_s = self._clock.now_s(), self._settings.enable_timeout_s
         rate_s = RATE_CHECK_FRAMES * self._settings.status_period_s
@@ -123,19 +131,22 @@ class CubemarsServoMotor:
         return self._settings.drive_id
 
     def disable(self) -> None:
-        """Takes the torque away. Raises DeviceError when the frame cannot be sent; nothing else may stop the motor then."""
+        """Takes the torque away, within 20 ms. Raises DeviceError when the frame cannot be sent; only a guardian may stop it then."""
         self._armed = False
-        self._send(cubemars_servo.set_current(self._settings.drive_id, 0.0))
+        send_stop(self._bus, self._clock, self._last_word.frames())
 
     def prove_watchdog(self, limit_s: float) -> float:
-        """Says nothing until the drive lets go, and returns how long that took.
+        """Says nothing until the drive lets go, of itself or told by its guardian, and returns how long that took.
 
         The status does not tell it, and not every firmware has a watchdog. What shows it is a load that it held before, the leg's
         weight, and holds no more; or that the status ends, because something cut its supply. The motor is off afterwards. Raises
-        DeviceError where it still holds, or held nothing from which it could be told.
+        DeviceError where it still holds, or held nothing from which it could be told; a guardian is believed without a load that
+        the bus took its frames, and `identity` says so.
         """
         self._reports.drain()
         held_Nm, started_s = self._reports.torque_Nm, self._clock.now_s()
+        if self._guard is not None:
+            return self._prove_guard(self._guard, held_Nm, limit_s)
         holding_s = started_s
         while self._clock.now_s() - started_s <= limit_s:
             self._wait_and_drain()
@@ -147,20 +158,24 @@ class CubemarsServoMotor:
         self.disable()
         raise DeviceError(self._refusal(held_Nm, limit_s))
 
-    def _loaded(self, held_Nm: float) -> bool:
-        return abs(held_Nm) >= self._least_Nm
+    def _prove_guard(self, guard: Guard, held_Nm: float, limit_s: float) -> float:
+        try:
+            proof = prove_guard(guard, held_Nm, self._last_word.least_Nm(), limit_s, answers=False)
+        finally:
+            self.disable()
+        self._proof = proof.seen
+        return proof.took_s
 
-    @property
-    def _least_Nm(self) -> float:
-        return LEAST_LOAD_COUNTS * STATUS_A * abs(self._settings.shaft_torque_per_A)
+    def _loaded(self, held_Nm: float) -> bool:
+        return abs(held_Nm) >= self._last_word.least_Nm()
 
     def _refusal(self, held_Nm: float, limit_s: float) -> str:
-        remedy = "put a relay into its supply that opens when this computer falls silent"
+        remedy = "let a guardian hold its bus (guardian = true), or put a relay into its supply that opens when this computer falls silent"
         if self._loaded(held_Nm):
             return f"drive has no watchdog that stopped it within {limit_s:g} s of silence; set its CAN timeout if it has one, or {remedy}"
         return (
             f"drive's watchdog not proven: the motor held {abs(held_Nm):.3f} N m, too little to see it let go (at least "
-            f"{self._least_Nm:.3f}); park the leg off the vertical, or {remedy}"
+            f"{self._last_word.least_Nm():.3f}); park the leg off the vertical, or {remedy}"
         )
 
     def read(self) -> ShaftSamples:
@@ -170,7 +185,9 @@ class CubemarsServoMotor:
 
     def status(self) -> MotorStatus:
         """The state is what was ordered: the drive tells only its errors."""
-        return MotorStatus("servo mode" if self._armed else "off", self._fault(), self._reports.silent_s)
+        status = self._reports.status
+        temperature_C = None if status is None else float(status.temperature_degC)
+        return MotorStatus("servo mode" if self._armed else "off", self._fault(), self._reports.silent_s, temperature_C)
 
     def _fault(self) -> str | None:
         status, silent_s, limit_s = self._reports.status, self._reports.silent_s, self._settings.status_timeout_s
@@ -180,7 +197,7 @@ class CubemarsServoMotor:
             return self._reports.motion_fault
         if silent_s > limit_s:
             return f"no status frame for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's power and the CAN wiring"
-        return None
+        return self._reports.health.fault
 
     def identity(self) -> dict[str, str]:
         """For the recording."""
@@ -197,14 +214,21 @@ class CubemarsServoMotor:
             "status_period_s": repr(settings.status_period_s),
             "temperature_degC": "unknown" if status is None else str(status.temperature_degC),
             "status_frames_lost": str(self._reports.lost_frames),
+            "guardian": "none" if self._guard is None else self._guard.describe(),
+            "guardian_proof": self._proof,
+            **self._reports.health.facts(),
         }
 
     def _send(self, frame: cubemars_servo.Frame) -> None:
-        send(self._bus, can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=True))
+        send(self._bus, _message(frame))
 
     def _wait_and_drain(self) -> None:
         self._clock.wait_until(self._clock.now_s() + POLL_S)
         self._reports.drain()
+
+
+def _message(frame: cubemars_servo.Frame) -> can.Message:
+    return can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=True)
 
 
 def _finite(value: float, name: str) -> float:

@@ -6,7 +6,8 @@ import numpy as np
 from rfca_rig.clock import Clock
 from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_servo import MOST_ERPM, STATUS_DEG, Packet, Status
-from rfca_rig.drivers.can_frames import arrived
+from rfca_rig.drivers.bus_health import BusHealth
+from rfca_rig.drivers.can_frames import DAMMED_UP_S, arrived
 from rfca_rig.drivers.cubemars_settings import ServoSettings
 from rfca_rig.drivers.frame_count import FrameCount
 from rfca_rig.drivers.roles import ShaftSamples
@@ -30,6 +31,7 @@ class ServoReports:
         self._position = WrappedPosition(ENDS, fastest_rad_s / rad_per_count, LEAP_RAD / rad_per_count)
         self._speed = SpeedCheck("gear_ratio and pole_pairs")
         self._rows: list[tuple[float, ...]] = []
+        self.health = BusHealth()
         self.status: Status | None = None
         self.drained_s = self.heard_s = clock.now_s()
         self.position_deg = self.angle_rad = self.speed_rad_s = self.torque_Nm = np.nan
@@ -45,14 +47,14 @@ class ServoReports:
 
     def drain(self) -> None:
         """Takes in everything the bus holds; never waits. Raises DeviceError on a failing bus or a frame that cannot be read."""
-        self.drained_s = self._clock.now_s()
+        before_s, self.drained_s = self.drained_s, self._clock.now_s()
         reports: list[Status] = []
         try:
-            for message in arrived(self._bus):
+            for message in arrived(self._bus, self.health):
                 self._take(message, reports)
         finally:
             for report, device_s in zip(reports, self._count.stamp(len(reports), self.drained_s).tolist(), strict=True):
-                self._follow(report, device_s)
+                self._follow(report, device_s, is_whole=self.drained_s - before_s < DAMMED_UP_S)
 
     def _take(self, message: can.Message, reports: list[Status]) -> None:
         if not message.is_extended_id:
@@ -65,12 +67,13 @@ class ServoReports:
             else:
                 self._foreign.add(drive)
 
-    def _follow(self, report: Status, device_s: float) -> None:
+    def _follow(self, report: Status, device_s: float, is_whole: bool) -> None:
+        """Of what has dammed up while nobody looked, nobody knows where frames are missing."""
         settings = self._settings
         self.status, self.heard_s = report, self.drained_s
         self.heard += 1
         self.speed_rad_s = report.speed_erpm / settings.erpm_s_per_rad
-        count = self._position.follow(report.position_count, device_s, self.speed_rad_s)
+        count = self._position.follow(report.position_count, device_s, self.speed_rad_s, judged=is_whole)
         self.position_deg = STATUS_DEG * count
         self.angle_rad = settings.angle_rad(count)
         self.torque_Nm = report.current_A * settings.shaft_torque_per_A
@@ -94,7 +97,12 @@ class ServoReports:
     @property
     def motion_fault(self) -> str | None:
         """What is wrong with the reported motion, since `recount`."""
-        return self._position.fault or self._speed.fault
+        return self._position.fault or self._speed.fault or self._count.fault
+
+    @property
+    def zero_lost(self) -> str | None:
+        """Why the angle is not to be believed any more; not forgiven."""
+        return self._position.leap
 
     def missing(self) -> str | None:
         """Why there is no status since `recount`, and what to do about it; None where there is one."""

@@ -14,10 +14,14 @@ class FrameCount:
     The frames carry no number, so a loss shows only as frames falling behind the host's clock. After a batch has been drained
     its newest frame is at most one period and the way here old, however late the host looked; a lag above the least one seen by
     more than 10 ms and three periods is therefore loss, and the count jumps by as many whole periods, before the batch. The
-    least lag may creep up by `DRIFT`, as two crystals do; losses of a few frames are made up for when they have added up.
+    least lag may creep up by `DRIFT`, as two crystals do; losses of a few frames are made up for when they have added up. `fault`
+    says that there are more frames than the host's clock allows, in one half second as in the next: they come twice, or at another
+    rate. What a long pause has dammed up comes in one of them only.
     """
 
     DRIFT = 2e-4
+    WINDOW_S = 0.5
+    TOO_MANY = 1.2
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
@@ -25,15 +29,35 @@ class FrameCount:
         self._next = 0
         self._least_lag_s = inf
         self._seen_s = 0.0
+        self._window: tuple[float, int] | None = None
+        self._had_too_many = False
         self.lost = 0
+        self.fault: str | None = None
 
     def stamp(self, frames: int, now_s: float) -> Floats:
         """Device times (frames,) of a batch that was drained at host time `now_s`."""
+        self._count_up(frames, now_s)
         if frames:
             self._follow(now_s, (self._next + frames - 1) * self._period_s)
         stamps = np.arange(self._next, self._next + frames, dtype=np.float64)
         self._next += frames
         return stamps * self._period_s
+
+    def _count_up(self, frames: int, now_s: float) -> None:
+        """Holds the frames of a window of time against its length."""
+        began_s, counted = self._window or (now_s, -frames)
+        self._window = began_s, counted + frames
+        elapsed_s = now_s - began_s
+        if elapsed_s < self.WINDOW_S:
+            return
+        self._window = now_s, 0
+        had_too_many, self._had_too_many = self._had_too_many, (counted + frames) * self._period_s > self.TOO_MANY * elapsed_s + 0.1
+        if had_too_many and self._had_too_many:
+            rate_Hz = (counted + frames) / elapsed_s
+            self.fault = (
+                f"its reports come {rate_Hz:.0f} times a second where {1.0 / self._period_s:.0f} are set; "
+                "are frames doubled on the way, or was their period changed?"
+            )
 
     def _follow(self, now_s: float, newest_s: float) -> None:
         lag_s = now_s - newest_s

@@ -9,7 +9,7 @@ from rfca_rig.codecs import moteus
 from rfca_rig.codecs.moteus import Route, Subframe, Write
 from rfca_rig.codecs.moteus_meanings import fault_text, mode_text
 from rfca_rig.codecs.moteus_registers import Mode, Register, Width
-from rfca_rig.drivers.can_frames import send
+from rfca_rig.drivers.can_frames import send, send_stop
 from rfca_rig.drivers.moteus_replies import IDENTITY_QUERY, STATE_QUERY, MoteusReplies, MoteusState
 from rfca_rig.drivers.moteus_scale import MoteusSettings
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
@@ -50,6 +50,8 @@ class MoteusMotor:
         refuses. The motor is off after a refusal.
         """
         self.disable()
+        if self._replies.zero_lost is not None:
+            raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start anew")
         self._replies.drain()
         self._replies.recount()
         self._send(IDENTITY_QUERY, wants_reply=True)
@@ -132,9 +134,9 @@ class MoteusMotor:
         self._asked = True
 
     def disable(self) -> None:
-        """Takes the torque away. Raises DeviceError when the frame cannot be sent; what then stops the motor is its watchdog."""
+        """Takes the torque away, within 20 ms. Raises DeviceError when the frame cannot be sent; its watchdog stops the motor then."""
         self._armed, self._left = False, None
-        self._send((Write(Register.MODE, Width.INT8, Mode.STOPPED),), wants_reply=False)
+        send_stop(self._bus, self._clock, [self._message((Write(Register.MODE, Width.INT8, Mode.STOPPED),), wants_reply=False)])
 
     def prove_watchdog(self, limit_s: float) -> float:
         """Lets the drive starve, and returns how long it took until it said, when asked, that it had timed out.
@@ -170,19 +172,22 @@ class MoteusMotor:
         """A motor that left position mode on its own is at fault until it is enabled anew, or disabled."""
         state = self._replies.state
         silent_s = self._replies.silent_s
-        return MotorStatus("unknown" if state is None else _state_text(state), self._fault(silent_s), silent_s)
+        temperature_C = None if state is None else state.warmest_C
+        return MotorStatus("unknown" if state is None else _state_text(state), self._fault(silent_s), silent_s, temperature_C)
 
     def _fault(self, silent_s: float) -> str | None:
         state, limit_s = self._left or self._replies.state, self._settings.reply_timeout_s
         if state is not None and state.mode == Mode.FAULT:
             return fault_text(state.fault)
+        if self._replies.zero_lost is not None:
+            return self._replies.zero_lost
         if self._left is not None and self._left.mode == Mode.TIMEOUT:
             return f"mode 11 (timeout: no command reached the drive for {self._settings.watchdog_s:g} s)"
         if self._left is not None:
             return f"left position mode for {mode_text(self._left.mode)} without a fault; was it stopped from elsewhere, or restarted?"
         if silent_s > limit_s:
             return f"no answer for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's power and the CAN wiring"
-        return None
+        return self._replies.health.fault
 
     def identity(self) -> dict[str, str]:
         """For the recording; model, firmware and serial number are known after `enable`."""
@@ -200,19 +205,22 @@ class MoteusMotor:
             "watchdog_s": repr(settings.watchdog_s),
             "answers_lost": str(self._replies.lost),
             "restarts": str(self._replies.restarts),
+            **self._replies.health.facts(),
         }
 
     def _send(self, subframes: tuple[Subframe, ...], wants_reply: bool) -> None:
+        send(self._bus, self._message(subframes, wants_reply))
+
+    def _message(self, subframes: tuple[Subframe, ...], wants_reply: bool) -> can.Message:
         settings = self._settings
         identifier = moteus.arbitration_id(Route(settings.own_id, settings.drive_id, wants_reply, settings.can_prefix))
-        message = can.Message(
+        return can.Message(
             arbitration_id=identifier,
             is_extended_id=True,
             is_fd=True,
             bitrate_switch=settings.bitrate_switch,
             data=moteus.encode(subframes),
         )
-        send(self._bus, message)
 
     def _wait_and_drain(self) -> None:
         self._clock.wait_until(self._clock.now_s() + POLL_S)

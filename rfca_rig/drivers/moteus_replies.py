@@ -12,8 +12,10 @@ from rfca_rig.codecs import moteus
 from rfca_rig.codecs.moteus import Read, Refusal, Reply, Subframe
 from rfca_rig.codecs.moteus_meanings import mode_text, register_error_text
 from rfca_rig.codecs.moteus_registers import Register, Width, name_of
+from rfca_rig.drivers.bus_health import BusHealth
 from rfca_rig.drivers.can_frames import arrived
 from rfca_rig.drivers.counter_clock import CounterClock
+from rfca_rig.drivers.leap import LeapWatch
 from rfca_rig.drivers.moteus_scale import MoteusSettings
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.errors import DeviceError
@@ -23,12 +25,17 @@ STATE_QUERY = (
     Read(Register.POSITION, Width.FLOAT),
     Read(Register.VELOCITY, Width.FLOAT),
     Read(Register.TORQUE, Width.FLOAT),
+    Read(Register.MOTOR_TEMPERATURE, Width.INT16),
     Read(Register.VOLTAGE, Width.INT16),
     Read(Register.TEMPERATURE, Width.INT16),
     Read(Register.FAULT, Width.INT16),
     Read(Register.MILLISECOND_COUNTER, Width.INT32),
 )
-_LIVED_ON = frozenset(read.register for read in STATE_QUERY) - {Register.VOLTAGE, Register.TEMPERATURE}
+_LIVED_ON = frozenset(read.register for read in STATE_QUERY) - {
+    Register.VOLTAGE,
+    Register.TEMPERATURE,
+    Register.MOTOR_TEMPERATURE,
+}
 
 IDENTITY_QUERY = tuple(
     Read(register, Width.INT32)
@@ -52,6 +59,13 @@ class MoteusState:
     position_turns: float
     voltage_V: float
     temperature_degC: float
+    motor_temperature_degC: float
+
+    @property
+    def warmest_C(self) -> float | None:
+        """Of board and motor; None where neither is told."""
+        told = [value for value in (self.temperature_degC, self.motor_temperature_degC) if isfinite(value)]
+        return max(told, default=None)
 
 
 class MoteusReplies:
@@ -69,6 +83,8 @@ class MoteusReplies:
         self._asked_s: deque[float] = deque()
         self._rows: list[tuple[float, float, float, float, float]] = []
         self._stamped_s = -1.0
+        self._leap = LeapWatch()
+        self.health = BusHealth()
         self.state: MoteusState | None = None
         self.facts: dict[int, float] = {}
         self.drained_s = clock.now_s()
@@ -92,7 +108,7 @@ class MoteusReplies:
         Raises DeviceError on a failing bus, a frame that cannot be read, and a drive that does not know where it is.
         """
         self.drained_s = self._clock.now_s()
-        for message in arrived(self._bus):
+        for message in arrived(self._bus, self.health):
             self._take(message)
 
     def samples(self) -> ShaftSamples:
@@ -115,6 +131,13 @@ class MoteusReplies:
     @property
     def restarts(self) -> int:
         return self._time.restarts
+
+    @property
+    def zero_lost(self) -> str | None:
+        """Why the angle is not to be believed any more; not forgiven."""
+        if self.restarts:
+            return "the drive restarted, its millisecond counter began anew; turns that it had counted are lost: find its zero again"
+        return self._leap.fault
 
     def missing(self) -> str | None:
         """Why there is no answer, since `recount`, that the driver could live on; and what to do about it."""
@@ -162,11 +185,14 @@ class MoteusReplies:
             position_turns=values[Register.POSITION],
             voltage_V=values.get(Register.VOLTAGE, nan),
             temperature_degC=values.get(Register.TEMPERATURE, nan),
+            motor_temperature_degC=values.get(Register.MOTOR_TEMPERATURE, nan),
         )
         stamp_s = self._time.stamp(counter, asked_s)
         if stamp_s > self._stamped_s:  # two answers of one moment say one thing
             self._stamped_s = stamp_s
             self._rows.append((asked_s, stamp_s, values[Register.POSITION], values[Register.VELOCITY], values[Register.TORQUE]))
+            per_turn = abs(self._settings.shaft_rad_per_turn)
+            self._leap.follow(asked_s, stamp_s, per_turn * values[Register.POSITION], per_turn * values[Register.VELOCITY])
 
     def _check_position(self, values: dict[int, float]) -> None:
         """A limit on the angle means nothing to an angle that is no number."""

@@ -8,7 +8,8 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs import cansimple, odrive_meanings, odrive_older_meanings
 from rfca_rig.codecs.odrive_meanings import result_text, state_text
 from rfca_rig.codecs.odrive_messages import AxisState, Command, ControlMode, Dialect, Heartbeat, Part
-from rfca_rig.drivers.odrive_reports import OdriveReports
+from rfca_rig.drivers.can_frames import send, send_stop
+from rfca_rig.drivers.odrive_reports import GUARDED, OdriveReports
 from rfca_rig.drivers.odrive_scale import OdriveSettings
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import DeviceError
@@ -46,6 +47,7 @@ class OdriveMotor:
         the configured rate; or with what error the drive refuses. The motor is idle after a refusal.
         """
         self.disable()
+        self._refuse_lost_zero()
         self._forget_part_errors()
         self._send(cansimple.clear_errors(self._settings.node_id, self._settings.dialect))
         self._send(cansimple.request(self._settings.node_id, Command.VERSION), remote=True)
@@ -59,9 +61,14 @@ class OdriveMotor:
         self._await_closed_loop(hold)
         self._armed = True
 
+    def _refuse_lost_zero(self) -> None:
+        if self._reports.zero_lost is not None:
+            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start anew")
+
     def _await_reports(self) -> None:
         """Waits for every message the driver lives on, and for enough encoder frames to see their rate."""
         self._reports.drain()
+        self._reports.samples()  # what has dammed up while nobody looked has holes, and is handed to nobody
         self._reports.recount()
         started_s = self._clock.now_s()
         rate_s = RATE_CHECK_FRAMES * self._settings.encoder_period_s
@@ -154,10 +161,11 @@ class OdriveMotor:
             self._mode = mode
 
     def disable(self) -> None:
-        """Takes the torque away. Raises DeviceError when the frame cannot be sent; what then stops the motor is its watchdog."""
+        """Takes the torque away, within 20 ms. Raises DeviceError when the frame cannot be sent; its watchdog stops the motor then."""
         self._armed = False
         self._mode = None
-        self._send(cansimple.set_axis_state(self._settings.node_id, AxisState.IDLE))
+        idle = _message(cansimple.set_axis_state(self._settings.node_id, AxisState.IDLE))
+        send_stop(self._bus, self._clock, [idle], GUARDED)
 
     def prove_watchdog(self, limit_s: float) -> float:
         """Lets the drive starve, and returns how long it took until its heartbeat showed the watchdog expired and the motor idle.
@@ -187,12 +195,15 @@ class OdriveMotor:
         """A motor that left closed loop on its own is at fault, also where the drive's error word is zero."""
         beat = self._reports.beat
         silent_s = self._reports.drained_s - self._reports.beat_s
-        return MotorStatus("unknown" if beat is None else state_text(beat.state), self._fault(silent_s), silent_s)
+        state, temperature_C = "unknown" if beat is None else state_text(beat.state), self._reports.temperature.warmest_C
+        return MotorStatus(state, self._fault(silent_s), silent_s, temperature_C)
 
     def _fault(self, silent_s: float) -> str | None:
         beat, limit_s = self._reports.beat, self._settings.heartbeat_timeout_s
         if beat is not None and _is_faulty(beat):
             return self._errors(beat)
+        if self._reports.doubts is not None:
+            return self._reports.doubts
         if beat is not None and self._armed and beat.state != AxisState.CLOSED_LOOP:
             return f"left closed loop for {state_text(beat.state)} without an error; was it stopped from elsewhere, or restarted?"
         if silent_s > limit_s:
@@ -213,18 +224,19 @@ class OdriveMotor:
             "encoder_period_s": repr(self._settings.encoder_period_s),
             "torque_from": self._reports.torque_source,
             "encoder_frames_lost": str(self._reports.lost_frames),
+            **self._reports.health.facts(),
         }
 
     def _send(self, frame: cansimple.Frame, remote: bool = False) -> None:
-        message = can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False, is_remote_frame=remote)
-        try:
-            self._bus.send(message, timeout=0.0)
-        except (can.CanError, OSError) as error:
-            raise DeviceError(f"CAN frame 0x{frame[0]:03x} to the drive not sent: {error}; the drive's watchdog stops the motor") from error
+        send(self._bus, _message(frame, remote), GUARDED)
 
     def _wait_and_drain(self) -> None:
         self._clock.wait_until(self._clock.now_s() + POLL_S)
         self._reports.drain()
+
+
+def _message(frame: cansimple.Frame, remote: bool = False) -> can.Message:
+    return can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False, is_remote_frame=remote)
 
 
 def _is_faulty(beat: Heartbeat) -> bool:

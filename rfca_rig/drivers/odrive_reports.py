@@ -5,14 +5,17 @@ import numpy as np
 
 from rfca_rig.clock import Clock
 from rfca_rig.codecs import cansimple, odrive_messages
-from rfca_rig.codecs.odrive_messages import Dialect, EncoderEstimates, Heartbeat, Iq, Part, PartError, Torques, Version
+from rfca_rig.codecs.odrive_messages import Dialect, EncoderEstimates, Heartbeat, Iq, Part, PartError, Temperatures, Torques, Version
 from rfca_rig.drivers.blocks import join
+from rfca_rig.drivers.bus_health import BusHealth
+from rfca_rig.drivers.can_frames import DAMMED_UP_S, arrived
 from rfca_rig.drivers.frame_count import FrameCount
+from rfca_rig.drivers.leap import LeapWatch
 from rfca_rig.drivers.odrive_scale import OdriveSettings
 from rfca_rig.drivers.roles import ShaftSamples
-from rfca_rig.errors import DeviceError
+from rfca_rig.drivers.told_temperature import ToldTemperature
 
-CAN_ERROR_BUS_OFF = 0x40  # error class of a SocketCAN error frame (linux/can/error.h)
+GUARDED = "the drive's watchdog stops the motor"
 
 
 class OdriveReports:
@@ -29,6 +32,9 @@ class OdriveReports:
         self._rows: list[tuple[float, float, float]] = []  # turns, turns/s, motor torque: taken in, not stamped yet
         self._samples: list[ShaftSamples] = []
         self._torque_Nm = np.nan
+        self._leap = LeapWatch()
+        self.health = BusHealth()
+        self.temperature = ToldTemperature()
         self.beat: Heartbeat | None = None
         self.drained_s = self.beat_s = clock.now_s()
         self.turns = np.nan
@@ -44,14 +50,12 @@ class OdriveReports:
 
     def drain(self) -> None:
         """Takes in everything the bus holds; never waits. Raises DeviceError on a failing bus or a frame that cannot be read."""
-        self.drained_s = self._clock.now_s()  # before the first frame, so that none seems younger than it is
+        before_s, self.drained_s = self.drained_s, self._clock.now_s()  # before the first frame, so that none seems younger than it is
         try:
-            while (message := self._bus.recv(timeout=0)) is not None:
+            for message in arrived(self._bus, self.health, GUARDED):
                 self._take(message)
-        except (can.CanError, OSError) as error:
-            raise DeviceError(f"CAN bus failed while reading the drive: {error}; the drive's watchdog stops the motor") from error
         finally:
-            self._stamp_rows()
+            self._stamp_rows(is_whole=self.drained_s - before_s < DAMMED_UP_S)
 
     def samples(self) -> ShaftSamples:
         """Everything drained since the last call."""
@@ -61,6 +65,16 @@ class OdriveReports:
     @property
     def lost_frames(self) -> int:
         return self._count.lost
+
+    @property
+    def zero_lost(self) -> str | None:
+        """Why the angle is not to be believed any more; not forgiven."""
+        return self._leap.fault
+
+    @property
+    def doubts(self) -> str | None:
+        """What is wrong with the reports themselves, where the drive says nothing of it."""
+        return self.zero_lost or self._count.fault or self.temperature.fault(self.drained_s) or self.health.fault
 
     @property
     def torque_source(self) -> str:
@@ -95,11 +109,9 @@ class OdriveReports:
         return 2 if self.beat is not None and self.beat.error else 1
 
     def _take(self, message: can.Message) -> None:
-        if message.is_error_frame:
-            _raise_if_off(message.arbitration_id)
-        elif message.is_extended_id or message.is_remote_frame or message.dlc == 0:
+        if message.is_extended_id or message.dlc == 0:
             return  # another protocol, or a request or order by another master
-        elif cansimple.node_of(message.arbitration_id) != self._settings.node_id:
+        if cansimple.node_of(message.arbitration_id) != self._settings.node_id:
             self._foreign_nodes.add(cansimple.node_of(message.arbitration_id))
         else:
             self._own_frames += 1
@@ -119,6 +131,8 @@ class OdriveReports:
             case Heartbeat():
                 self.heartbeats += 1
                 self.beat, self.beat_s = message, self.drained_s
+            case Temperatures():
+                self.temperature.hear(self.drained_s, message.inverter_degC, message.motor_degC)
             case PartError():
                 self.part_errors[message.part] = message.word
             case Version():
@@ -128,25 +142,22 @@ class OdriveReports:
         self._torque_frames += 1
         self._torque_Nm = torque_Nm
 
-    def _stamp_rows(self) -> None:
+    def _stamp_rows(self, is_whole: bool) -> None:
+        """Of what has dammed up while nobody looked, nobody knows where frames are missing."""
         if not self._rows:
             return
         rows, self._rows = np.array(self._rows), []
         settings = self._settings
-        self._samples.append(
-            ShaftSamples(
-                host_s=np.full(len(rows), self.drained_s),
-                device_s=self._count.stamp(len(rows), self.drained_s),
-                angle_rad=(rows[:, 0] - settings.zero_turns) * settings.shaft_rad_per_turn,
-                speed_rad_s=rows[:, 1] * settings.shaft_rad_per_turn,
-                torque_Nm=rows[:, 2] * settings.shaft_torque_per_drive_torque,
-            )
+        samples = ShaftSamples(
+            host_s=np.full(len(rows), self.drained_s),
+            device_s=self._count.stamp(len(rows), self.drained_s),
+            angle_rad=(rows[:, 0] - settings.zero_turns) * settings.shaft_rad_per_turn,
+            speed_rad_s=rows[:, 1] * settings.shaft_rad_per_turn,
+            torque_Nm=rows[:, 2] * settings.shaft_torque_per_drive_torque,
         )
-
-
-def _raise_if_off(error_class: int) -> None:
-    if error_class & CAN_ERROR_BUS_OFF:
-        raise DeviceError("CAN bus is off after too many errors; check wiring and bit rate, then restart the interface")
+        for report in zip(samples.device_s.tolist(), samples.angle_rad.tolist(), samples.speed_rad_s.tolist(), strict=True):
+            self._leap.follow(self.drained_s, *report, judged=is_whole)
+        self._samples.append(samples)
 
 
 NOTHING = ShaftSamples(*(np.empty(0) for _ in range(5)))

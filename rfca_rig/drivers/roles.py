@@ -22,11 +22,15 @@ class ShaftSamples:
 
 @dataclass(frozen=True)
 class MotorStatus:
-    """`state` in words; `fault` is None or the drive's own error code with its meaning; `silent_s` since its last heartbeat."""
+    """`state` in words; `fault` is None or the drive's own error code with its meaning; `silent_s` since its last heartbeat.
+
+    `temperature_C` is that of drive or motor, whichever is warmer; None where the drive does not tell.
+    """
 
     state: str
     fault: str | None
     silent_s: float
+    temperature_C: float | None = None
 
 
 class ShaftMotor(Protocol):

@@ -5,12 +5,16 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from rfca_rig.drivers.roles import ForceSamples
+from rfca_rig.drivers.roles import ForceSamples, ShaftSamples
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.tap import Listener, Tap
-from rfca_rig.engine.watch import Tracking, Watch
-from rfca_rig.errors import DeviceError
+from rfca_rig.engine.watch import Watch
+from rfca_rig.engine.watches.shaft import Tracking
+from rfca_rig.engine.wishes import Wishes
+from rfca_rig.errors import DeviceError, Tripped
+from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
+from rfca_rig.trip_codes import Trip
 
 FIRST_REPORT_S = 1.0
 FIRST_LOOK_S = 0.005
@@ -19,16 +23,20 @@ FIRST_LOOK_S = 0.005
 class Loop:
     """Ticks, and knows the shaft as last reported. `target_rad` is where the shaft should be.
 
-    `worst_gap_s` is the longest that a tick has taken, with whatever was done between it and the one before.
+    `worst_gap_s` is the longest that a tick has taken, with whatever was done between it and the one before. What trips, or what the
+    operator wants at once, is raised at the end of a tick; after `end` no command leaves any more.
     """
 
-    def __init__(self, bench: Bench, limits: Limits) -> None:
+    def __init__(self, bench: Bench, limits: Limits, wishes: Wishes | None = None) -> None:
         self._bench = bench
-        self._scale = bench.sensor.scale()
+        scale = bench.sensor.scale()
+        self._counts_per_unit = np.repeat([scale.counts_per_N, scale.counts_per_Nm], 3)
         self._limits = limits
-        self._watch = Watch(limits, self._scale)
-        self._taps: list[Tap] = []
-        self._force_N = np.full(3, np.nan)
+        self._wishes = wishes or Wishes()
+        self._watch = Watch(limits, scale, bench.clock.now_s())
+        self._listeners: list[Listener] = []
+        self._wrench = np.full(6, np.nan)
+        self._is_over = False
         self._tick_s = bench.clock.now_s()
         self._woke_s = self._tick_s
         self.worst_gap_s = 0.0
@@ -43,12 +51,35 @@ class Loop:
     @property
     def force_N(self) -> np.ndarray:
         """(3,) mean over the records of the last tick that brought any."""
-        return self._force_N
+        return self._wrench[:3]
+
+    @property
+    def wrench(self) -> np.ndarray:
+        """(6,) mean force [N] and moment [N m] over the records of the last tick that brought any."""
+        return self._wrench
+
+    @property
+    def peak(self) -> Load:
+        """The largest load since the stage began."""
+        return self._watch.peak
+
+    @property
+    def is_to_end(self) -> bool:
+        """Whether the operator wants a stop at the next safe point; one that cannot wait is raised by the tick."""
+        return bool(self._wishes.wish)
+
+    def expect(self, load: Load | None) -> None:
+        """A stage begins in which the sensor is expected to feel at most so much; None where nobody knows."""
+        self._watch.expect(load)
+
+    def end(self) -> None:
+        """Nothing is commanded through this loop any more."""
+        self._is_over = True
 
     def begin(self) -> None:
         """Waits for the first report of the shaft, and takes that as the target. Old watches are forgotten."""
-        self._watch = Watch(self._limits, self._scale)
         started_s = self._tick_s = self._woke_s = self._bench.clock.now_s()
+        self._watch = Watch(self._limits, self._bench.sensor.scale(), started_s)
         while not self._read():
             self._tick_s += FIRST_LOOK_S
             self._bench.clock.wait_until(self._tick_s)
@@ -58,13 +89,17 @@ class Loop:
 
     def to_angle(self, target_rad: float, target_speed_rad_s: float, period_s: float) -> None:
         """Commands an angle (of a target moving at that speed) for one tick, and checks everything at its end."""
-        self._bench.motor.command_angle(target_rad, target_speed_rad_s)
+        self._refuse_if_over()
+        with on_the_bus():
+            self._bench.motor.command_angle(target_rad, target_speed_rad_s)
         self._wait(period_s)
         self._check(target_rad, target_speed_rad_s)
 
     def at_speed(self, speed_rad_s: float, period_s: float) -> None:
         """Commands a speed for one tick; the target moves along, for as long as the tick really took."""
-        self._bench.motor.command_speed(speed_rad_s)
+        self._refuse_if_over()
+        with on_the_bus():
+            self._bench.motor.command_speed(speed_rad_s)
         began_s = self._tick_s
         self._wait(period_s)
         self._check(self.target_rad + speed_rad_s * (self._tick_s - began_s), speed_rad_s)
@@ -73,39 +108,69 @@ class Loop:
         """To the end of the tick; one that is over already ends now."""
         self._tick_s = max(self._tick_s + period_s, self._bench.clock.now_s())
         self._bench.clock.wait_until(self._tick_s)
-        self._note_gap()
+        self._note_gap(period_s)
 
-    def _note_gap(self) -> None:
+    def _note_gap(self, period_s: float) -> None:
         """The drive's watchdog sees the time between commands, which is that between ends of waiting."""
         now_s = self._bench.clock.now_s()
-        self.worst_gap_s, self._woke_s = max(self.worst_gap_s, now_s - self._woke_s), now_s
+        gap_s, self._woke_s = now_s - self._woke_s, now_s
+        self.worst_gap_s = max(self.worst_gap_s, gap_s)
+        self._watch.gap(gap_s, period_s)
+
+    def _refuse_if_over(self) -> None:
+        if self._is_over:
+            raise DeviceError("the run has stopped; nothing moves before it is begun anew")
 
     def _check(self, target_rad: float, target_speed_rad_s: float) -> None:
         self.target_rad = target_rad
         self._read()
-        self._watch.drive(self._bench.motor.status())
-        self._watch.tracking(Tracking(target_rad, self.angle_rad, target_speed_rad_s, self.speed_rad_s))
+        now = Tracking(target_rad, self.angle_rad, target_speed_rad_s, self.speed_rad_s)
+        self._watch.motion(self.now_s, self._bench.motor.status(), now)
+        self._wishes.obey_now()
 
     def _read(self) -> bool:
-        shaft, force = self._bench.motor.read(), self._bench.sensor.read()
-        for tap in self._taps:
-            tap.take(shaft, force)
-        self._watch.force(self.now_s, force)
+        shaft, force = self._hear()
+        for listener in self._listeners:
+            listener(shaft, force)
+        self._watch.reports(self.now_s, shaft, force)
         self._remember_force(force)
         if len(shaft.angle_rad):
             self.angle_rad, self.speed_rad_s = float(shaft.angle_rad[-1]), float(shaft.speed_rad_s[-1])
         return len(shaft.angle_rad) > 0
 
+    def _hear(self) -> tuple[ShaftSamples, ForceSamples]:
+        with on_the_bus():
+            shaft = self._bench.motor.read()
+        try:
+            return shaft, self._bench.sensor.read()
+        except DeviceError as error:
+            raise Tripped(Trip.SENSOR_LOST, str(error)) from error
+
     def _remember_force(self, force: ForceSamples) -> None:
         if len(force.counts):
-            self._force_N = force.counts[:, :3].mean(axis=0) / self._scale.counts_per_N
+            self._wrench = force.counts.mean(axis=0) / self._counts_per_unit
 
     @contextmanager
     def recorded(self, listener: Listener) -> Iterator[Tap]:
         """Everything the devices report inside the block goes into the tap, and through it to the listener."""
         tap = Tap(listener)
-        self._taps.append(tap)
-        try:
+        with self.heard(tap.take):
             yield tap
+
+    @contextmanager
+    def heard(self, listener: Listener) -> Iterator[None]:
+        """The same, and nothing of it is kept."""
+        self._listeners.append(listener)
+        try:
+            yield
         finally:
-            self._taps.remove(tap)
+            self._listeners.remove(listener)
+
+
+@contextmanager
+def on_the_bus() -> Iterator[None]:
+    """Within a run, a bus that fails is no error to be reported later: the motor can no longer be led."""
+    try:
+        yield
+    except DeviceError as error:
+        raise Tripped(Trip.BUS, str(error)) from error

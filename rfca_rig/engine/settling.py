@@ -1,8 +1,10 @@
 """When is the leg at rest: bands on force and angle, over a stated time, of means short enough to see it move."""
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfca_rig.engine.loop import Loop
 from rfca_rig.protocol.plan import SettleCriterion
@@ -11,8 +13,16 @@ PERIOD_S = 0.01
 MEAN_S = 0.05  # averages 350 records at 7 kHz: sensor noise of 0.15 N becomes 0.01 N
 
 
-def settle(loop: Loop, target_rad: float, criterion: SettleCriterion) -> bool:
-    """Holds the shaft until the criterion is met; False where its time limit came first."""
+@dataclass(frozen=True)
+class Settled:
+    """`reached` is False where the criterion's time limit came first; `wrench` (6,) is the last mean of force [N] and moment [N m]."""
+
+    reached: bool
+    wrench: NDArray[np.float64]
+
+
+def settle(loop: Loop, target_rad: float, criterion: SettleCriterion) -> Settled:
+    """Holds the shaft until the criterion is met."""
     per_mean = round(MEAN_S / PERIOD_S)
     means: deque[np.ndarray] = deque(maxlen=max(2, round(criterion.for_s / MEAN_S)))
     began_s = loop.now_s
@@ -20,12 +30,12 @@ def settle(loop: Loop, target_rad: float, criterion: SettleCriterion) -> bool:
         ticks = []
         for _ in range(per_mean):
             loop.to_angle(target_rad, 0.0, PERIOD_S)
-            ticks.append([loop.angle_rad, *loop.force_N])
+            ticks.append([loop.angle_rad, *loop.wrench])
         means.append(np.mean(ticks, axis=0))
         if len(means) == means.maxlen and _inside(np.ptp(means, axis=0), criterion):
-            return True
-    return False
+            return Settled(True, np.mean(means, axis=0)[1:])
+    return Settled(False, np.mean(means, axis=0)[1:])
 
 
 def _inside(band: np.ndarray, criterion: SettleCriterion) -> bool:
-    return bool(band[0] <= criterion.angle_band_rad and band[1:].max() <= criterion.force_band_N)
+    return bool(band[0] <= criterion.angle_band_rad and band[1:4].max() <= criterion.force_band_N)

@@ -3,8 +3,13 @@
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from rfca_rig.drivers.roles import ForceSamples, Photo, ShaftSamples
-from rfca_rig.protocol.plan import Flap, Hold
+from rfca_rig.engine.stopping import Standstill
+from rfca_rig.protocol.check import Load
+from rfca_rig.protocol.cycles import Cycles
+from rfca_rig.protocol.plan import Approach, Flap, Hold
 
 
 @dataclass(frozen=True)
@@ -24,14 +29,27 @@ class Recorded:
     photo_fault: str = ""
 
 
+@dataclass(frozen=True)
+class Cycle:
+    """One turn of the shaft in numbers: the largest force and moment, the least fz, the mean speed, and both clocks at its end."""
+
+    number: int
+    host_s: float
+    device_s: float
+    peak_force_N: float
+    peak_moment_Nm: float
+    min_fz_N: float
+    mean_speed_rad_s: float
+
+
 class Sink(Protocol):
     """Takes over what a stage records as it comes, and the stage as soon as it is done.
 
     Called from within the control loop: whatever takes long belongs elsewhere. What a method raises ends the run.
     """
 
-    def begin(self, stage: Flap | Hold) -> None:
-        """The stage records from now on; one that never gets to `flap` or `hold` was cut short."""
+    def begin(self, stage: Flap | Hold | Cycles) -> None:
+        """The stage records from now on; one that never gets to `flap`, `hold` or `cycles` was cut short."""
 
     def start(self, start_s: float, turns_rad: float) -> None:
         """The commanded start is now; as in `Recorded`."""
@@ -45,5 +63,17 @@ class Sink(Protocol):
     def hold(self, stage: Hold, recorded: Recorded) -> None:
         """A static stage is done."""
 
-    def off(self, worst_gap_s: float) -> None:
+    def cycle(self, cycle: Cycle) -> None:
+        """One of a stage's cycles is done."""
+
+    def cycles(self, stage: Cycles) -> None:
+        """A stage of cycles is done, or was ended between two of them as the operator wished."""
+
+    def rested(self, wrench: np.ndarray) -> None:
+        """The leg hangs still at the start angle, where the sensor feels its weight and nothing else; (6,) in N and N m."""
+
+    def approached(self, stage: Approach, peak: Load) -> None:
+        """A first stroke is done, with its largest load."""
+
+    def off(self, worst_gap_s: float, standstill: Standstill) -> None:
         """The motor is without torque, and the run over; `worst_gap_s` is the longest that the drive went without a command."""

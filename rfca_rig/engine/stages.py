@@ -9,7 +9,7 @@ from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.settling import PERIOD_S as HOLD_PERIOD_S
 from rfca_rig.engine.settling import settle
 from rfca_rig.engine.sink import Recorded, Sink
-from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Flap, Hold, MoveShaft, way_to
+from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Approach, Flap, Hold, MoveShaft, way_to
 
 TICK_S = 0.002
 MOVE_TICK_S = 0.005
@@ -50,13 +50,27 @@ def flap(loop: Loop, stage: Flap, sink: Sink) -> Recorded:
             loop.to_angle(hold_rad, 0.0, TICK_S)
         start_s = loop.now_s
         sink.start(start_s, turns_rad)
-        for k in _ticks(loop, math.ceil(stage.stroke_s / TICK_S)):
-            # a command stands for a whole tick, so it takes the speed of the tick's middle
-            loop.at_speed(stage.speed_rad_s * min((k + 0.5) * TICK_S / stage.ramp_s, 1.0), TICK_S)
+        _sweep(loop, stage)
+    _stop_in_the_air(loop, stage)
+    return Recorded(tap.shaft(), tap.force(), start_s, turns_rad, settled=True)
+
+
+def approach(loop: Loop, stage: Approach) -> None:
+    """The same stroke, unrecorded."""
+    _sweep(loop, stage)
+    _stop_in_the_air(loop, stage)
+
+
+def _sweep(loop: Loop, stage: Flap | Approach) -> None:
+    for k in _ticks(loop, math.ceil(stage.stroke_s / TICK_S)):
+        # a command stands for a whole tick, so it takes the speed of the tick's middle
+        loop.at_speed(stage.speed_rad_s * min((k + 0.5) * TICK_S / stage.ramp_s, 1.0), TICK_S)
+
+
+def _stop_in_the_air(loop: Loop, stage: Flap | Approach) -> None:
     for k in _ticks(loop, round(STOPPING_S / TICK_S)):
         loop.at_speed(stage.speed_rad_s * (1.0 - (k + 0.5) * TICK_S / STOPPING_S), TICK_S)
     loop.target_rad = loop.angle_rad  # a drive that sagged is behind; the way back starts where the shaft is
-    return Recorded(tap.shaft(), tap.force(), start_s, turns_rad, settled=True)
 
 
 def _ticks(loop: Loop, count: int) -> Iterator[int]:
@@ -80,7 +94,7 @@ def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None
         _stand(loop, target_rad, timing.average_s)
     while exposure.is_under_way(loop.now_s):
         loop.to_angle(target_rad, 0.0, HOLD_PERIOD_S)
-    return Recorded(tap.shaft(), tap.force(), start_s, turns_rad, settled, exposure.photo, exposure.fault)
+    return Recorded(tap.shaft(), tap.force(), start_s, turns_rad, settled.reached, exposure.photo, exposure.fault)
 
 
 def _stand(loop: Loop, target_rad: float, duration_s: float) -> None:

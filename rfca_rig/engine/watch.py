@@ -1,82 +1,52 @@
 """The limits, checked at every tick by the very loop that feeds the drive's watchdog."""
 
-from dataclasses import dataclass
-
-import numpy as np
-
-from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale
+from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples
+from rfca_rig.engine.watches.drive import check_drive
+from rfca_rig.engine.watches.force_sensor import SensorWatch
+from rfca_rig.engine.watches.load import LoadWatch
+from rfca_rig.engine.watches.shaft import ShaftWatch, Tracking
 from rfca_rig.errors import Tripped
+from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
-
-SENSOR_FAULT = np.uint32(0x80000000)  # NetBox status bit 31: summary error
-SATURATED = np.uint32(0x00020000)  # bit 17: transducer saturation or A/D error
-
-
-@dataclass(frozen=True)
-class Tracking:
-    """Where the shaft should be and is."""
-
-    target_rad: float
-    angle_rad: float
-    target_speed_rad_s: float
-    speed_rad_s: float
+from rfca_rig.trip_codes import Trip
 
 
 class Watch:
-    """Raises Tripped, with the value and the limit, as soon as one is passed."""
+    """Raises Tripped, with the code, the value and the limit, as soon as one is passed."""
 
-    def __init__(self, limits: Limits, scale: SensorScale) -> None:
+    def __init__(self, limits: Limits, scale: SensorScale, now_s: float) -> None:
         self._limits = limits
-        self._scale = scale
-        self._last_force_s: float | None = None
+        self._load = LoadWatch(limits, scale)
+        self._sensor = SensorWatch(limits, now_s)
+        self._shaft = ShaftWatch(limits, now_s)
 
-    def force(self, now_s: float, samples: ForceSamples) -> None:
-        """Force, moment, health and age of the sensor's stream."""
-        if len(samples.counts):
-            self._last_force_s = now_s
-            self._wrench(samples)
-            self._sensor_status(samples)
-            return
-        if self._last_force_s is None:
-            self._last_force_s = now_s
-        silent_s = now_s - self._last_force_s
-        if silent_s > self._limits.sensor_silent_s:
-            limit_ms = 1e3 * self._limits.sensor_silent_s
-            raise Tripped(f"force sensor silent for {1e3 * silent_s:.0f} ms, limit {limit_ms:.0f} ms; check its cable and power")
+    def expect(self, load: Load | None) -> None:
+        """A stage begins, that is expected to bring so much."""
+        self._load.expect(load)
 
-    def _wrench(self, samples: ForceSamples) -> None:
-        counts = samples.counts.astype(np.float64)
-        force_N = float(np.sqrt((counts[:, :3] ** 2).sum(axis=1)).max()) / self._scale.counts_per_N
-        if force_N > self._limits.force_N:
-            raise Tripped(f"force {force_N:.1f} N, limit {self._limits.force_N:g} N; raise the rack or go slower")
-        torque_Nm = float(np.sqrt((counts[:, 3:] ** 2).sum(axis=1)).max()) / self._scale.counts_per_Nm
-        if torque_Nm > self._limits.torque_Nm:
-            raise Tripped(f"moment {torque_Nm:.2f} N m, limit {self._limits.torque_Nm:g} N m; raise the rack or go slower")
+    @property
+    def peak(self) -> Load:
+        """Since the last `expect`."""
+        return self._load.peak
 
-    def _sensor_status(self, samples: ForceSamples) -> None:
-        worst = np.bitwise_or.reduce(samples.status)
-        if worst & SATURATED:
-            raise Tripped(f"force sensor saturated (status 0x{int(worst):08x}); its values can no longer guard the rig")
-        if worst & SENSOR_FAULT and worst & np.uint32(0x7FFEFFFF):
-            raise Tripped(f"force sensor reports an error (status 0x{int(worst):08x}); see its status page")
+    def reports(self, now_s: float, shaft: ShaftSamples, force: ForceSamples) -> None:
+        """What the devices said in one tick."""
+        self._sensor.check(now_s, force)
+        if len(force.counts):
+            self._load.check(force)
+        self._shaft.reported(now_s, shaft)
 
-    def drive(self, status: MotorStatus) -> None:
-        """The drive's error, its state, and the age of its last heartbeat."""
-        if status.fault is not None:
-            raise Tripped(f"drive: {status.fault}")
-        if status.silent_s > self._limits.drive_silent_s:
+    def motion(self, now_s: float, status: MotorStatus, tracking: Tracking) -> None:
+        """The drive, and how the shaft follows."""
+        check_drive(status, self._limits)
+        self._shaft.following(now_s, tracking)
+
+    def gap(self, gap_s: float, planned_s: float) -> None:
+        """How long a tick took; a loop that comes late neither feeds the watchdog nor sees the force."""
+        late_s = gap_s - planned_s
+        if late_s > self._limits.late_s:
             raise Tripped(
-                f"drive silent for {1e3 * status.silent_s:.0f} ms, limit {1e3 * self._limits.drive_silent_s:.0f} ms; check bus and power"
-            )
-
-    def tracking(self, now: Tracking) -> None:
-        """Speed, and how far the shaft is from where it should be; the limit grows with the speed."""
-        if abs(now.speed_rad_s) > self._limits.speed_rad_s:
-            raise Tripped(f"shaft at {now.speed_rad_s:.2f} rad/s, limit {self._limits.speed_rad_s:g} rad/s")
-        behind_rad = abs(now.target_rad - now.angle_rad)
-        limit_rad = self._limits.following_error_rad + self._limits.following_error_s * abs(now.target_speed_rad_s)
-        if behind_rad > limit_rad:
-            raise Tripped(
-                f"shaft {np.degrees(behind_rad):.1f} deg from where it should be, limit {np.degrees(limit_rad):.1f} deg "
-                f"at {now.target_speed_rad_s:.2f} rad/s; look for a jam, or a drive too weak for this load"
+                Trip.LATE,
+                f"the control loop came {1e3 * late_s:.0f} ms late, limit {1e3 * self._limits.late_s:g} ms; "
+                "close what else runs on this computer",
             )

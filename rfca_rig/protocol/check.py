@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.errors import BadInput
-from rfca_rig.protocol.plan import Flap, Hold, MoveShaft, Plan, Stage
+from rfca_rig.protocol.cycles import Cycles, cycles_in
+from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, Plan, Stage
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ def check_plan(plan: Plan, expected: Mapping[Stage, Load], supposing: str = "") 
 
     `expected` is the load of a stage, where known; `supposing` says, for the message, what else than the believed it supposes.
     """
-    if not plan.flaps and not plan.holds:
+    if not plan.flaps and not plan.holds and not cycles_in(plan):
         raise BadInput(f"{plan.title}: nothing to record; give at least one condition, or one shaft angle")
     for stage in plan.stages:
         _check_speed(stage, plan)
@@ -36,7 +37,7 @@ def check_plan(plan: Plan, expected: Mapping[Stage, Load], supposing: str = "") 
 
 
 def _check_speed(stage: Stage, plan: Plan) -> None:
-    if isinstance(stage, Flap | MoveShaft) and stage.speed_rad_s > plan.limits.speed_rad_s:
+    if isinstance(stage, Approach | Cycles | Flap | MoveShaft) and stage.speed_rad_s > plan.limits.speed_rad_s:
         raise BadInput(
             f"{stage.label}: {stage.speed_rad_s:g} rad/s is above the rig's limit of {plan.limits.speed_rad_s:g} rad/s; "
             "choose a lower speed, or raise [limits] speed_rad_s in the rig file if the rig can take it"
@@ -51,7 +52,8 @@ def _check_angle(stage: Stage) -> None:
 def _check_load(stage: Stage, plan: Plan, expected: Load, supposing: str) -> None:
     limits = plan.limits
     if expected.force_N > limits.force_N or expected.torque_Nm > limits.torque_Nm:
-        way_out = "go slower" if isinstance(stage, Flap) else "turn the shaft back less: a bent leg that is pushed back wedges"
+        turns = isinstance(stage, Approach | Cycles | Flap)
+        way_out = "go slower" if turns else "turn the shaft back less: a bent leg that is pushed back wedges"
         raise BadInput(
             f"{stage.label}: the model expects {expected.force_N:.0f} N and {expected.torque_Nm:.1f} N m{supposing}, the rig's limits "
             f"are {limits.force_N:g} N and {limits.torque_Nm:g} N m; raise the rack or {way_out}, or raise [limits] if the rig can take it"

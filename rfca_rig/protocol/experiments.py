@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from rfca_rig.protocol.plan import (
+    Approach,
     Direction,
     Flap,
     Hold,
@@ -61,7 +62,8 @@ class StaticStages:
 class RigFacts:
     """What a plan needs to know of the rig: where strokes start, where the shaft waits, ramp, limits, rates.
 
-    `photo_limit_s` is how long a photo may take; 0 without a camera.
+    `photo_limit_s` is how long a photo may take; 0 without a camera. `first_strokes` are the shares of a condition's speed at which
+    its first strokes are done, to foretell the force at full speed; none where nothing can be hurt.
     """
 
     start_angle_rad: float
@@ -70,6 +72,7 @@ class RigFacts:
     limits: Limits
     rates: Rates
     photo_limit_s: float = 0.0
+    first_strokes: Sequence[float] = ()
 
 
 def flapping_plan(experiment: Flapping, rig: RigFacts) -> Plan:
@@ -83,6 +86,10 @@ def _flapping_stages(experiment: Flapping, rig: RigFacts) -> Iterator[Stage]:
         yield SetHeight(height_m)
         yield MoveShaft(rig.start_angle_rad, speed)
         for condition in conditions:
+            for share in rig.first_strokes:
+                yield Rest(experiment.settle)
+                yield Approach(height_m, share * condition.speed_rad_s, condition.speed_rad_s, rig.ramp_s, experiment.sweep_rad)
+                yield MoveShaft(rig.start_angle_rad, speed, forwards=True)
             for repeat in range(1, experiment.repeats + 1):
                 yield Rest(experiment.settle)
                 yield Flap(height_m, condition.speed_rad_s, repeat, rig.ramp_s, experiment.sweep_rad)
@@ -101,9 +108,11 @@ def _static_stages(experiment: StaticStages, rig: RigFacts) -> Iterator[Stage]:
     for height_m in experiment.heights_m:
         yield SetHeight(height_m)
         yield MoveShaft(rig.start_angle_rad, speed)
+        yield Rest(experiment.settle)
         for number, (angle_rad, direction) in enumerate(experiment.angles_rad, start=1):
             yield MoveShaft(angle_rad, speed)
             yield Hold(height_m, number, direction, angle_rad, experiment.settle, timing)
         # on, never back: a bent leg that is pushed backwards wedges between shaft and floor, and the force passes every limit
         yield MoveShaft(rig.start_angle_rad, speed, forwards=True)
+        yield Rest(experiment.settle)
         yield MoveShaft(rig.parked_angle_rad, speed)

@@ -8,6 +8,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 Direction = Literal["loading", "unloading"]
+Experiment = Literal["static", "dynamic", "fatigue"]
 
 FORCE_RECORD_BYTES = 6 * 4 + 4 + 4 + 8 + 8  # counts, sequence, status, host and device time
 SHAFT_RECORD_BYTES = 4 * 8
@@ -139,6 +140,31 @@ STOPPING_S = 0.2
 
 
 @dataclass(frozen=True)
+class Approach:
+    """A stroke at a share of the speed that is to come, to see from its force what that speed will bring; not recorded as a stroke."""
+
+    height_m: float
+    speed_rad_s: float
+    full_speed_rad_s: float
+    ramp_s: float
+    sweep_rad: float
+    recorded_s: float = 0.0
+
+    @property
+    def label(self) -> str:
+        return f"first strokes at {1e3 * self.height_m:.0f} mm: {self.speed_rad_s:g} of {self.full_speed_rad_s:g} rad/s"
+
+    @property
+    def stroke_s(self) -> float:
+        """From the commanded start to the end of the sweep."""
+        return self.sweep_rad / self.speed_rad_s + 0.5 * self.ramp_s
+
+    @property
+    def duration_s(self) -> float:
+        return self.stroke_s + STOPPING_S
+
+
+@dataclass(frozen=True)
 class HoldTiming:
     """What a hold does once the leg has settled: waits `dwell_s` more, measures for `average_s`, meanwhile has a photo taken.
 
@@ -180,7 +206,11 @@ class Hold:
 
 @dataclass(frozen=True)
 class Limits:
-    """What stops the motion at once. All must be set; there is no 'unlimited'."""
+    """What stops the motion at once. All must be set; there is no 'unlimited'.
+
+    `above_expected` times the load that the model expects in a stage may be passed for `above_expected_s`, as impacts do, and no
+    longer. `late_s` is how late the control loop may be, which must be less than the drive's watchdog.
+    """
 
     force_N: float
     torque_Nm: float
@@ -189,6 +219,11 @@ class Limits:
     following_error_s: float
     sensor_silent_s: float
     drive_silent_s: float
+    sensor_frozen_s: float
+    above_expected: float
+    above_expected_s: float
+    temperature_C: float
+    late_s: float
 
 
 @dataclass(frozen=True)
@@ -196,7 +231,7 @@ class Plan:
     """What a run will do, in order."""
 
     title: str
-    experiment: Literal["static", "dynamic"]
+    experiment: Experiment
     stages: Sequence[Stage]
     limits: Limits
     rates: Rates

@@ -12,6 +12,7 @@ from pathlib import Path
 from rfca_rig.errors import DiskFull, RigError
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+FORCED_EVERY_BYTES = 32 << 20
 _BINARY = getattr(os, "O_BINARY", 0)
 
 
@@ -51,7 +52,7 @@ def _write(path: Path, content: bytes) -> None:
         os.close(handle)
 
 
-def _put(handle: int, content: bytes) -> None:
+def _put(handle: int, content: bytes | memoryview) -> None:
     rest = memoryview(content)
     while rest:
         rest = rest[os.write(handle, rest) :]
@@ -115,6 +116,100 @@ class GrowingFile:
 
     def close(self) -> None:
         os.close(self.handle)
+
+
+class RoughFile:
+    """A file under construction, for a writer that goes back and forth in it and cannot bear a refusal: HDF5.
+
+    HDF5 that fails to close a file can take the whole process down when that exits (h5py issue 914). So what the disk refuses, and
+    all that comes after it, stays in memory; `check` raises it. The file stands beside `path` until `put_in_place`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.partial = path.with_name(path.name + ".writing")
+        with refusals(path, "cannot be begun"):
+            self._handle = os.open(self.partial, os.O_RDWR | os.O_CREAT | os.O_TRUNC | _BINARY, 0o666)
+        self._at = self._size = self._forced = 0
+        self._refused: OSError | None = None
+        self._unwritten: list[tuple[int, bytes]] = []
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+    def write(self, content: memoryview) -> int:
+        at, self._at = self._at, self._at + len(content)
+        self._size = max(self._size, self._at)
+        if self._refused is None:
+            self._attempt(at, content)
+        if self._refused is not None:
+            self._unwritten.append((at, bytes(content)))
+        return len(content)
+
+    def _attempt(self, at: int, content: memoryview) -> None:
+        try:
+            os.lseek(self._handle, at, os.SEEK_SET)
+            _put(self._handle, content)
+        except OSError as error:
+            self._refused = error
+
+    def readinto(self, target: memoryview) -> int:
+        found = self.read(len(target))
+        target[: len(found)] = found
+        return len(found)
+
+    def read(self, length: int = -1) -> bytes:
+        """From where it stands; shorter at the end."""
+        at, end = self._at, self._size if length < 0 else min(self._at + length, self._size)
+        os.lseek(self._handle, at, os.SEEK_SET)
+        found = bytearray(os.read(self._handle, end - at).ljust(end - at, b"\0"))
+        for start, content in self._unwritten:
+            first, last = max(start, at), min(start + len(content), end)
+            if first < last:
+                found[first - at : last - at] = content[first - start : last - start]
+        self._at = end
+        return bytes(found)
+
+    def truncate(self, size: int) -> None:
+        """Sets its length; nothing of it was left unused."""
+        self._size = size
+        if self._refused is None:
+            os.ftruncate(self._handle, size)
+
+    def flush(self) -> None:
+        """What was written is with the system already."""
+
+    def check(self) -> None:
+        """Raises what the disk refused, as RigError or DiskFull. Now and then forces to disk what is there, so that the end is quick."""
+        with refusals(self.path, f"{1e-6 * self._size:.1f} MB cannot be written"):
+            if self._refused is not None:
+                raise self._refused
+            if self._size - self._forced > FORCED_EVERY_BYTES:
+                os.fsync(self._handle)
+                self._forced = self._size
+
+    def put_in_place(self) -> None:
+        """Returns when the file is at `path`, and on disk. Raises RigError, DiskFull."""
+        self.check()
+        with refusals(self.path, f"{1e-6 * self._size:.1f} MB cannot be written"):
+            os.fsync(self._handle)
+            self._close()
+            os.replace(self.partial, self.path)  # noqa: PTH105
+            sync_folder(self.path.parent)
+
+    def discard(self) -> None:
+        """Takes it away, unless it has been put in place. May be called any number of times."""
+        if self._handle >= 0:
+            self._close()
+            remove(self.partial)
+
+    def _close(self) -> None:
+        handle, self._handle = self._handle, -1
+        os.close(handle)
 
 
 def make_folder_atomically(folder: Path, fill: Callable[[Path], object]) -> None:

@@ -1,20 +1,17 @@
 """Whether a run on disk is what was recorded: every file by its hash, every stage by its counts."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.form import Recording, Stream
-from rfca_rig.recording.journal import whole_blocks
+from rfca_rig.recording.journal import blocks_in, size_of
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGES, SUMS, journals, stage_files
-from rfca_rig.recording.run_folder import read_stages
 from rfca_rig.recording.run_text import events_of, read_ending, read_header
-from rfca_rig.recording.stage_file import samples_in
-from rfca_rig.recording.store import read_recording
 from rfca_rig.recording.sums import read_sums, sha256_of
+from rfca_rig.recording.tally import Tally, tally_of, together
 
 
 @dataclass(frozen=True)
@@ -91,30 +88,36 @@ def _check_stages(folder: Path, sums: _Sums, events: Sequence[Mapping[str, Any]]
 
 
 def _as_said(path: Path, said: Mapping[str, Any] | None) -> str:
-    stage = read_recording(path)
-    if said is not None and said["samples"] != samples_in(stage):
-        raise BadInput(f"{path}: holds {samples_in(stage)} samples, where {said['samples']} were recorded")
+    stage = tally_of(path)
+    if said is not None and said["samples"] != stage.samples:
+        raise BadInput(f"{path}: holds {dict(stage.samples)} samples, where {said['samples']} were recorded")
     if said is not None and said["sha256"] != sha256_of(path):
         raise BadInput(f"{path}: is not what was recorded: its SHA-256 is another")
-    return f"{_counted(stage)}{_lost(stage)}"
+    lost = "".join(f", {missing} records missing on the way" for missing in stage.missing)
+    return f"{stage.text()}{lost}"
 
 
 def _check_journal(folder: Path, journal: Path) -> Finding:
-    content = journal.read_bytes()
-    blocks, used = whole_blocks(content)
-    words = f"a stage in progress, {len(blocks)} whole blocks; {len(content) - used} bytes behind them; type rfca-rig recover {folder}"
+    sizes = [size_of(block) for block in blocks_in(journal)]
+    behind = journal.stat().st_size - sum(sizes)
+    words = f"a stage in progress, {len(sizes)} whole blocks; {behind} bytes behind them; type rfca-rig recover {folder}"
     return Finding(f"{STAGES}/{journal.name}", words)
 
 
 def _like_its_stages(folder: Path) -> str:
-    found = read_recording(folder / RECORDING)
+    found = tally_of(folder / RECORDING).text()
     try:
-        stages = read_stages(folder)
+        stages = _in_stages(folder).text()
     except BadInput:
-        return f"{_counted(found)}; not held against its stages, of which some are damaged"
-    if _counted(found) != _counted(stages):
-        raise BadInput(f"{folder / RECORDING}: holds {_counted(found)}, its stages {_counted(stages)}")
-    return _counted(found)
+        return f"{found}; not held against its stages, of which some are damaged"
+    if found != stages:
+        raise BadInput(f"{folder / RECORDING}: holds {found}, its stages {stages}")
+    return found
+
+
+def _in_stages(folder: Path) -> Tally:
+    stages, ending = together(tally_of(file) for file in stage_files(folder)), read_ending(folder)
+    return stages if ending is None or ending.static is None else replace(stages, static=len(ending.static))
 
 
 def _title(folder: Path) -> str:
@@ -128,31 +131,7 @@ def _ending(folder: Path) -> str:
 
 
 def _opened(file: Path) -> str:
-    return _counted(read_recording(file))
-
-
-def _counted(found: Recording) -> str:
-    samples = sum(len(stream.t_s) for stream in _streams(found))
-    return f"{len(found.strokes)} strokes, {len(found.static)} static stages, {len(found.raw)} raw, {samples} samples"
-
-
-def _lost(stage: Recording) -> str:
-    """What the device's own numbers say is missing between the first sample and the last."""
-    return "".join(f", {missing} records missing on the way" for stream in _streams(stage) if (missing := _missing(stream)))
-
-
-def _streams(stage: Recording) -> Iterator[Stream]:
-    for stroke in stage.strokes:
-        yield from stroke.streams.values()
-    for raw in stage.raw:
-        yield from raw.streams.values()
-
-
-def _missing(stream: Stream) -> int:
-    numbers = stream.columns.get("rdt_sequence")
-    if numbers is None or not len(numbers.raw):
-        return 0
-    return int(numbers.raw[-1] - numbers.raw[0]) + 1 - len(numbers.raw)
+    return tally_of(file).text()
 
 
 def _guarded(name: str, look: Callable[[], str]) -> Finding:

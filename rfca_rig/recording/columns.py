@@ -2,14 +2,14 @@
 
 import re
 import urllib.parse
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from rfca_rig.recording.form import Column
+from rfca_rig.recording.rows import ColumnForm
 
 ROWS_PER_CHUNK = 16384
 
@@ -28,15 +28,49 @@ _LONG_NAMES = {
 }
 
 
-def write_column(group: h5py.Group, name: str, column: Column) -> h5py.Dataset:
-    """One 1-d dataset, compressed so that it opens everywhere without plugins."""
-    data = np.ascontiguousarray(column.raw)
-    if data.ndim != 1 or data.dtype.kind not in "iuf":
-        raise ValueError(f"column {name} must be a row of numbers, not {data.ndim}-d {data.dtype}")
-    dataset = group.create_dataset(link(name), data=data, track_times=False, **_storage(data))
-    for key, value in _column_attributes(name, column).items():
+def make_column(group: h5py.Group, form: ColumnForm, length: int) -> h5py.Dataset:
+    """One 1-d dataset that waits for its values, compressed so that it opens everywhere without plugins."""
+    dataset = group.create_dataset(link(form.name), shape=(length,), dtype=form.dtype, track_times=False, **_storage(length))
+    for key, value in _column_attributes(form).items():
         dataset.attrs[key] = value
     return dataset
+
+
+def form_of(name: str, column: Column) -> ColumnForm:
+    """Raises ValueError for what is no row of numbers."""
+    if column.raw.ndim != 1 or column.raw.dtype.kind not in "iuf":
+        raise ValueError(f"column {name} must be a row of numbers, not {column.raw.ndim}-d {column.raw.dtype}")
+    return ColumnForm(name, column.raw.dtype.str, column.unit, column.conversion, column.offset)
+
+
+def write_column(group: h5py.Group, name: str, column: Column) -> h5py.Dataset:
+    """One 1-d dataset with its values. Raises ValueError for what is no row of numbers."""
+    dataset = make_column(group, form_of(name, column), len(column.raw))
+    if len(column.raw):
+        dataset[:] = np.ascontiguousarray(column.raw)
+    return dataset
+
+
+def form_in(group: h5py.Group, name: str) -> ColumnForm:
+    """That of a column on disk."""
+    dataset = group[link(name)]
+    attributes = dataset.attrs
+    return ColumnForm(name, dataset.dtype.str, str(attributes["units"]), float(attributes["conversion"]), float(attributes["offset"]))
+
+
+def copy_column(source: h5py.Dataset, target: h5py.Dataset) -> Iterator[None]:
+    """All values, a chunk at a time; they stay packed as they are where both are packed the same way."""
+    for at in range(0, len(source), ROWS_PER_CHUNK):
+        if source.chunks == target.chunks and _packing(source) == _packing(target):
+            mask, packed = source.id.read_direct_chunk((at,))
+            target.id.write_direct_chunk((at,), packed, mask)
+        else:
+            target[at : at + ROWS_PER_CHUNK] = source[at : at + ROWS_PER_CHUNK]
+        yield
+
+
+def _packing(dataset: h5py.Dataset) -> tuple[object, ...]:
+    return (dataset.dtype, dataset.compression, dataset.compression_opts, dataset.shuffle, dataset.fletcher32, dataset.scaleoffset)
 
 
 def read_column(group: h5py.Group, name: str) -> Column:
@@ -46,15 +80,16 @@ def read_column(group: h5py.Group, name: str) -> Column:
     return Column(dataset[:], str(attributes["units"]), float(attributes["conversion"]), float(attributes["offset"]))
 
 
-def _column_attributes(name: str, column: Column) -> Mapping[str, Any]:
-    return {"units": column.unit, "conversion": column.conversion, "offset": column.offset, "long_name": _LONG_NAMES.get(name, name)}
+def _column_attributes(form: ColumnForm) -> Mapping[str, Any]:
+    long_name = _LONG_NAMES.get(form.name, form.name)
+    return {"units": form.unit, "conversion": form.conversion, "offset": form.offset, "long_name": long_name}
 
 
-def _storage(data: NDArray[Any]) -> dict[str, Any]:
+def _storage(length: int) -> dict[str, Any]:
     """gzip at its fastest, with shuffle; HDF5 allows no chunks in an empty dataset."""
-    if not data.size:
+    if not length:
         return {}
-    return {"chunks": (min(data.size, ROWS_PER_CHUNK),), "compression": "gzip", "compression_opts": 1, "shuffle": True}
+    return {"chunks": (min(length, ROWS_PER_CHUNK),), "compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 def link(name: str) -> str:

@@ -9,9 +9,12 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from pathlib import Path
 
 _HEAD = struct.Struct("<2sBxII")
 _MARK = b"RB"
+LARGEST = 16 << 20  # of a block: a length above it is damage
+PIECE = 1 << 20
 
 
 class Kind(IntEnum):
@@ -36,7 +39,9 @@ class Block:
 
 
 def framed(block: Block) -> bytes:
-    """The block with its head: mark, kind, length and CRC-32, 12 bytes little endian."""
+    """The block with its head: mark, kind, length and CRC-32, 12 bytes little endian. Raises ValueError for one above `LARGEST`."""
+    if len(block.payload) > LARGEST:
+        raise ValueError(f"a block of {len(block.payload)} bytes")
     return _HEAD.pack(_MARK, block.kind, len(block.payload), _checksum(block.kind, block.payload)) + block.payload
 
 
@@ -45,8 +50,33 @@ def whole_blocks(content: bytes) -> tuple[list[Block], int]:
     blocks, used = [], 0
     for block in _blocks(memoryview(content)):
         blocks.append(block)
-        used += _HEAD.size + len(block.payload)
+        used += size_of(block)
     return blocks, used
+
+
+def size_of(block: Block) -> int:
+    """Bytes with its head."""
+    return _HEAD.size + len(block.payload)
+
+
+def blocks_in(path: Path) -> Iterator[Block]:
+    """Those of `whole_blocks` from a file of any length, of which little is in memory at a time. Raises OSError."""
+    with path.open("rb") as file:
+        rest = b""
+        while piece := file.read(PIECE):
+            blocks, used = whole_blocks(rest + piece)
+            rest = (rest + piece)[used:]
+            yield from blocks
+            if not _may_go_on(rest):
+                return
+
+
+def _may_go_on(rest: bytes) -> bool:
+    """Whether more bytes may make a block of what stands behind the last one."""
+    if len(rest) < _HEAD.size:
+        return True
+    mark, kind, length, _ = _HEAD.unpack_from(rest)
+    return mark == _MARK and kind in _KINDS and length <= LARGEST and len(rest) < _HEAD.size + length
 
 
 def _blocks(content: memoryview) -> Iterator[Block]:

@@ -1,10 +1,12 @@
 """Who the control loop hands its blocks to: a process of its own, or, where nothing is real, whoever asked for them."""
 
+from itertools import count
 from pathlib import Path
 from typing import Protocol
 
 from rfca_rig.errors import DiskFull
 from rfca_rig.recording.journal import Block
+from rfca_rig.recording.picture import Picture, next_photo, photo_name
 from rfca_rig.recording.run_writer import RunWriter
 
 
@@ -16,6 +18,13 @@ class Keeper(Protocol):
 
     def give(self, block: Block) -> None:
         """Hands over. Raises what ends the run: DiskFull, Tripped where the recorder cannot keep up, RigError where it is no more."""
+        ...
+
+    def keep_photo(self, picture: Picture) -> str:
+        """Takes over a photo (rows, columns, 3) of the stage that is to end next, which the caller leaves alone from now on.
+
+        Comes to its path from the run's folder. The stage is acknowledged when the photo, too, is on disk. Raises as `give` does.
+        """
         ...
 
     def finish(self, why: str) -> None:
@@ -31,6 +40,7 @@ class DirectKeeper:
 
     def __init__(self, folder: Path) -> None:
         self._writer = RunWriter(folder)
+        self._photos = count(next_photo(folder))
         self._is_open = True
 
     @property
@@ -40,6 +50,16 @@ class DirectKeeper:
     def give(self, block: Block) -> None:
         self._writer.take(block)
         self._writer.flush()
+        self._writer.work_off()
+        self._check()
+
+    def keep_photo(self, picture: Picture) -> str:
+        name = photo_name(next(self._photos))
+        self._writer.keep_picture(name, picture)
+        self._check()
+        return name
+
+    def _check(self) -> None:
         if self._writer.complaint:
             raise DiskFull(self._writer.complaint)
 

@@ -2,13 +2,17 @@
 
 import subprocess
 import sys
+from itertools import count
 from pathlib import Path
 
 from rfca_rig.clock import WallClock
 from rfca_rig.errors import DiskFull, RigError, Tripped
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import Block, framed
+from rfca_rig.recording.photo_sender import PhotoSender
+from rfca_rig.recording.picture import Picture, next_photo, photo_name
 from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, Assignment, started
+from rfca_rig.trip_codes import Trip
 
 QUEUE_BYTES = 16 << 20  # 20 s of a sensor at 15 kHz
 PATIENT_QUEUE_BYTES = 1 << 20  # less than the ballast: a rig faster than real time fills any queue before it hears of a full disk
@@ -39,10 +43,11 @@ class ProcessKeeper:
         self._fault = ""
         self._complaint = ""
         try:
-            self._process, self._child = started(Assignment(folder, self._queue.name))
+            self._process, self._child = started(Assignment(folder, self._queue.name, patient))
         except OSError as error:
             self._queue.remove()
             raise RigError(f"{folder}: no process can be started to record: {error}") from error
+        self._photos, self._sender = count(next_photo(folder)), PhotoSender(self._child)
         what, said = self._heard(STARTED_WITHIN_S)
         if what != READY:
             self._let_go()
@@ -61,14 +66,22 @@ class ProcessKeeper:
         content = framed(block)
         self._check()
         if self._queue.has_complained:
+            self._queue.put(content)  # such as when the motor was off: kept if it can be, in the room of the ballast
             raise self._complained()
         while not self._queue.put(content):
             if not self._patient:
                 raise Tripped(
+                    Trip.RECORDER_BEHIND,
                     f"the recorder is {1e-6 * self._queue.waiting:.1f} MB behind and its queue is full: the disk under {self._folder} is "
-                    "too slow, or the machine too busy; record to another disk"
+                    "too slow, or the machine too busy; record to another disk",
                 )
             self._wait()
+
+    def keep_photo(self, picture: Picture) -> str:
+        self._check()
+        name = photo_name(next(self._photos))
+        self._sender.send(name, picture)
+        return name
 
     def _wait(self) -> None:
         """For room, as long as there is somebody who makes it."""
@@ -103,6 +116,7 @@ class ProcessKeeper:
             raise RigError(f"the recorder of {self._folder}: {self._fault}")
 
     def _farewell(self, why: str) -> str:
+        self._sender.finish(FINISHED_WITHIN_S)
         try:
             self._child.send(why)
         except OSError:

@@ -15,14 +15,25 @@ def write_raw_stages(parent: h5py.Group, stages: Sequence[RawStage], source: Sou
     """raw/001, raw/002 ... in the order given; no group where there are none."""
     if not stages:
         return
-    parent = parent.create_group(GROUP)
-    nexus.mark_entry(parent)
+    parent = make_raw_stages(parent)
     for number, stage in enumerate(stages, start=1):
         group = parent.create_group(f"{number:03d}")
-        group.attrs["label"] = stage.label
-        group.attrs["height_mm"] = height_mm(stage.height_m)
-        group.attrs["cut_short"] = stage.cut_short
+        mark_raw_stage(group, stage.label, stage.height_m, stage.cut_short)
         write_streams(group, stage.streams, source)
+
+
+def make_raw_stages(parent: h5py.Group) -> h5py.Group:
+    """The group of all of them, still without any."""
+    group = parent.create_group(GROUP)
+    nexus.mark_entry(group)
+    return group
+
+
+def mark_raw_stage(group: h5py.Group, label: str, height_m: float, cut_short: str) -> None:
+    """What the stage was, as attributes."""
+    group.attrs["label"] = label
+    group.attrs["height_mm"] = height_mm(height_m)
+    group.attrs["cut_short"] = cut_short
 
 
 def read_raw_stages(parent: h5py.Group, source: Source) -> tuple[RawStage, ...]:

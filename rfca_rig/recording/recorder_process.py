@@ -8,6 +8,7 @@ a thread 18 ms, by this process 0.6 ms (python -m tests.benchmarks.recording).
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -16,7 +17,9 @@ from rfca_rig import own_process
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.errors import RigError
 from rfca_rig.recording.block_queue import BlockQueue
-from rfca_rig.recording.journal import Block, whole_blocks
+from rfca_rig.recording.blocks import End
+from rfca_rig.recording.journal import Block, Kind, whole_blocks
+from rfca_rig.recording.photo_sender import Announced
 from rfca_rig.recording.run_writer import RunWriter
 
 MODULE = "rfca_rig.recording.recorder_process"
@@ -28,10 +31,14 @@ CONTROL_GONE = "the control process ended"
 
 @dataclass(frozen=True)
 class Assignment:
-    """Which run to keep, and where its blocks come from."""
+    """Which run to keep, and where its blocks come from.
+
+    With `patient` each stage is brought to disk before anything else is taken, so that the order of events is the same every time.
+    """
 
     folder: Path
     queue_name: str
+    patient: bool
 
 
 def started(assignment: Assignment) -> tuple[subprocess.Popen[bytes], Connection]:
@@ -53,7 +60,7 @@ def keep(parent: Connection) -> None:
         _say(parent, DONE, str(error))
         return
     _say(parent, READY, "")
-    recorder = Recorder(queue, writer, WallClock(), parent)
+    recorder = Recorder(queue, writer, WallClock(), parent, assignment.patient)
     _say(parent, DONE, recorder.close(recorder.run()))
     queue.close()
 
@@ -68,25 +75,30 @@ def _say(parent: Connection, what: str, words: str) -> None:
 class Recorder:
     """From the queue to the disk. What the disk refuses for good is told once, and the rest is let go by."""
 
-    def __init__(self, queue: BlockQueue, writer: RunWriter, clock: Clock, parent: Connection) -> None:
+    def __init__(self, queue: BlockQueue, writer: RunWriter, clock: Clock, parent: Connection, patient: bool) -> None:
         self._queue = queue
         self._writer = writer
         self._clock = clock
         self._parent = parent
+        self._patient = patient
+        self._pictures: set[str] = set()
+        self._why: str | None = None
         self._fault = ""
         self._complained = False
 
     def run(self) -> str:
         """Until the parent has no more to say; returns why the run ends."""
-        forced_s = self._clock.now_s()
+        forced_s, is_busy = self._clock.now_s(), False
         while True:
-            ends = self._parent.poll(PAUSE_S)
+            self._listen(0.0 if is_busy else PAUSE_S)
             self._drain()
+            is_busy = self._guarded(self._writer.work)
             if self._clock.now_s() - forced_s > FORCED_EVERY_S:
-                self._guarded_force()
+                self._guarded(self._writer.force)
                 forced_s = self._clock.now_s()
-            if ends:
-                return self._why()
+            self._tell()
+            if self._why is not None:
+                return self._why
 
     def close(self, why: str) -> str:
         """Takes what still waits, ends the run's files, and returns what went wrong, "" for nothing."""
@@ -98,32 +110,49 @@ class Recorder:
         self._queue.tell(self._writer.acknowledged, bool(self._fault))
         return self._fault
 
-    def _why(self) -> str:
+    def _listen(self, wait_s: float | None) -> None:
+        """Takes a photo, or why the run ends, if there is either."""
         try:
-            return str(self._parent.recv())
+            if self._parent.poll(wait_s):
+                said = self._parent.recv()
+                if isinstance(said, Announced):
+                    picture = said.received(self._parent)
+                    self._guarded(lambda: self._writer.keep_picture(said.name, picture))
+                    self._pictures.add(said.name)
+                else:
+                    self._why = str(said)
         except (EOFError, OSError):
-            return CONTROL_GONE
+            self._why = CONTROL_GONE
 
     def _drain(self) -> None:
         blocks, length = whole_blocks(self._queue.look())
-        try:
-            if not self._fault:
-                self._take(blocks)
-        except (RigError, OSError) as error:
-            self._fault = self._writer.complaint or str(error)
+        self._guarded(lambda: self._take(blocks))
         self._queue.took(length)
         self._tell()
 
     def _take(self, blocks: list[Block]) -> None:
         for block in blocks:
+            if block.kind is Kind.END:
+                self._await_photo(End.of(block))
             self._writer.take(block)
+            if self._patient:
+                self._writer.work_off()
         self._writer.flush()
 
-    def _guarded_force(self) -> None:
+    def _await_photo(self, end: End) -> None:
+        """It is sent before its stage ends, by another way."""
+        while end.static and end.static.photo and end.static.photo not in self._pictures and self._why is None:
+            self._listen(None)
+
+    def _guarded(self, work: Callable[[], object]) -> bool:
+        """Whether it said that there is more to do; after a fault nothing is done any more."""
+        if self._fault:
+            return False
         try:
-            self._writer.force()
+            return bool(work())
         except (RigError, OSError) as error:
-            self._fault = self._fault or str(error)
+            self._fault = self._writer.complaint or str(error)
+            return False
 
     def _tell(self) -> None:
         said = self._writer.complaint or self._fault

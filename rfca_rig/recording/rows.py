@@ -1,8 +1,8 @@
 """Samples on their way to the disk: rows of packed records, one kind of record per device, and what turns them into streams."""
 
 import struct
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -53,40 +53,61 @@ def packed(rows: Sequence[Rows]) -> bytes:
     return b"".join(_COUNT.pack(len(some)) + some.tobytes() for some in rows)
 
 
-class RowPile:
-    """Puts the pieces of a stage one after the other."""
+class RowBatches:
+    """Gathers the rows of a stage's blocks to batches of `rows` each, per stream; only what is left over is shorter."""
 
-    def __init__(self, forms: Sequence[StreamForm]) -> None:
-        self._forms = forms
-        self._sizes = [form.dtype.itemsize for form in forms]
+    def __init__(self, forms: Sequence[StreamForm], rows: int) -> None:
+        self._dtypes = [form.dtype for form in forms]
+        self._rows = rows
         self._pieces: list[list[bytes]] = [[] for _ in forms]
+        self._gathered = [0] * len(forms)
 
-    def add(self, content: bytes) -> None:
-        """What `packed` gave. Raises ValueError where the content is not such."""
+    def add(self, content: bytes) -> Iterator[tuple[int, Rows]]:
+        """What `packed` gave; yields the batches that become full by it, each with the number of its stream.
+
+        Raises ValueError where the content is not such.
+        """
         at = 0
-        for size, pieces in zip(self._sizes, self._pieces, strict=True):
-            end = at + _COUNT.size + size * _COUNT.unpack_from(content, at)[0]
-            pieces.append(content[at + _COUNT.size : end])
+        for stream, dtype in enumerate(self._dtypes):
+            end = at + _COUNT.size + dtype.itemsize * _COUNT.unpack_from(content, at)[0]
+            self._pieces[stream].append(content[at + _COUNT.size : end])
+            self._gathered[stream] += end - at - _COUNT.size
             at = end
         if at != len(content):
             raise ValueError(f"{len(content)} bytes of samples, where their counts make {at}")
+        for stream, dtype in enumerate(self._dtypes):
+            if self._gathered[stream] >= self._rows * dtype.itemsize:
+                yield from self._full(stream)
 
-    def streams(self, start: Start | None) -> dict[str, Stream]:
-        """All streams by name; without a commanded start, time counts from the first sample of all."""
-        rows = [np.frombuffer(b"".join(pieces), form.dtype) for form, pieces in zip(self._forms, self._pieces, strict=True)]
-        known = start or Start(min((float(some[HOST_TIME][0]) for some in rows if len(some)), default=0.0))
-        return {form.name: stream_of(form, some, known) for form, some in zip(self._forms, rows, strict=True)}
+    def _full(self, stream: int) -> Iterator[tuple[int, Rows]]:
+        rows = self._taken(stream)
+        whole = len(rows) // self._rows * self._rows
+        for at in range(0, whole, self._rows):
+            yield stream, rows[at : at + self._rows]
+        left = rows[whole:].tobytes()
+        self._pieces[stream], self._gathered[stream] = [left], len(left)
+
+    def rest(self) -> Iterator[tuple[int, Rows]]:
+        """What is left over of each stream."""
+        for stream in range(len(self._dtypes)):
+            yield stream, self._taken(stream)
+
+    def _taken(self, stream: int) -> Rows:
+        return np.frombuffer(b"".join(self._pieces[stream]), self._dtypes[stream])
 
 
 def stream_of(form: StreamForm, rows: Rows, start: Start) -> Stream:
     """The rows as columns, with their time from the device's own counter."""
     columns = {
-        column.name: Column(
-            np.ascontiguousarray(rows[column.name]), column.unit, column.conversion, start.offsets.get(column.name, column.offset)
-        )
-        for column in form.columns
+        column.name: Column(np.ascontiguousarray(rows[column.name]), column.unit, column.conversion, column.offset)
+        for column in started(form, start).columns
     }
     return Stream(_device_time(rows, start.start_s), columns)
+
+
+def started(form: StreamForm, start: Start) -> StreamForm:
+    """The form with the offsets that the commanded start decides."""
+    return replace(form, columns=tuple(replace(column, offset=start.offsets.get(column.name, column.offset)) for column in form.columns))
 
 
 def _device_time(rows: Rows, start_s: float) -> Floats:

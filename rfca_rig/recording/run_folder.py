@@ -1,22 +1,26 @@
 """A run's folder before, after and without its writer: made, read, put together into `run.h5`, brought back after a crash."""
 
+import json
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.atomic import refusals, remove, sync_folder
+from rfca_rig.recording.atomic import GrowingFile, refusals, remove, sync_folder
 from rfca_rig.recording.ballast import Ballast
-from rfca_rig.recording.form import Recording
-from rfca_rig.recording.layout import HEADER, RECORDING, STAGES, WRITING, journals, stage_files
-from rfca_rig.recording.run_lock import check_over
-from rfca_rig.recording.run_text import events_text, read_ending, read_header, write_header
-from rfca_rig.recording.stage_file import stage_in, write_stage
-from rfca_rig.recording.store import read_recording, write_recording
+from rfca_rig.recording.form import Recording, StaticStage
+from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGE, STAGES, SUMS, WRITING, journals, stage_files
+from rfca_rig.recording.run_file import write_run
+from rfca_rig.recording.run_lock import check_over, lock
+from rfca_rig.recording.run_text import read_ending, read_header, run_provenance, whole_lines, write_header
+from rfca_rig.recording.stage_file import write_stage
+from rfca_rig.recording.static_table import read_static
+from rfca_rig.recording.steps import at_once
+from rfca_rig.recording.store import opened, read_recording
+from rfca_rig.recording.strokes import GROUP as STROKES
 from rfca_rig.recording.sums import read_sums, write_sums
-
-INTERRUPTED = "interrupted"
+from rfca_rig.recording.tally import tally_of
 
 
 def create(folder: Path, header: Recording) -> None:
@@ -48,14 +52,23 @@ def read_stages(folder: Path) -> Recording:
 
     Raises BadInput, naming the file, where one is damaged.
     """
-    header, ending = read_header(folder), read_ending(folder)
-    found = merged(header, (read_recording(file) for file in stage_files(folder)))
-    known = {**header.provenance, "events": events_text(folder)}
-    if ending is None:
-        said = f"the run ended without being finished, after {len(found.strokes)} strokes and {len(found.static)} static stages"
-        return replace(found, provenance={**known, INTERRUPTED: said})
-    static = found.static if ending.static is None else ending.static
-    return replace(found, static=static, provenance={**known, **ending.provenance})
+    ending = read_ending(folder)
+    found = merged(read_header(folder), (read_recording(file) for file in stage_files(folder)))
+    static = found.static if ending is None or ending.static is None else ending.static
+    return replace(found, static=static, provenance=run_provenance(folder, found, ending, len(found.strokes)))
+
+
+def read_without_samples(folder: Path) -> Recording:
+    """What `read_stages` gives, but for strokes and raw stages, which take memory."""
+    ending, strokes = read_ending(folder), 0
+    static: list[StaticStage] = []
+    for path in stage_files(folder):
+        with opened(path) as (file, _):
+            strokes += len(file[STROKES])
+            static += read_static(file)
+    found = replace(read_header(folder), static=tuple(static))
+    seen = found.static if ending is None or ending.static is None else ending.static
+    return replace(found, static=seen, provenance=run_provenance(folder, found, ending, strokes))
 
 
 def merged(header: Recording, stages: Iterable[Recording]) -> Recording:
@@ -71,7 +84,7 @@ def merged(header: Recording, stages: Iterable[Recording]) -> Recording:
 
 def build(folder: Path) -> Path:
     """Puts `run.h5` together from the other files, the same bytes every time, and sums up all. Returns its path."""
-    path = write_recording(read_stages(folder), folder / RECORDING)
+    path = at_once(write_run(folder))
     write_sums(folder)
     return path
 
@@ -84,10 +97,9 @@ def close_journals(folder: Path) -> int:
     check_over(folder)
     header, found = read_header(folder), journals(folder)
     for journal in found:
-        path = journal.with_suffix(".h5")
-        stage = None if path.is_file() else stage_in(journal, header)
-        if stage is not None:
-            write_stage(stage, path)
+        path = journal.with_suffix(STAGE)
+        if not path.is_file():
+            at_once(write_stage(journal, path, header))
         remove(journal)
     for half in folder.rglob(f"*{WRITING}"):
         remove(half)
@@ -95,12 +107,30 @@ def close_journals(folder: Path) -> int:
     return len(found)
 
 
+def reopen(folder: Path, event: Mapping[str, object]) -> None:
+    """A run that is over goes on: `event` is added to its events, on disk, then what only a run has that has ended is taken away.
+
+    Raises BadInput where it is not over, RigError when the disk refuses.
+    """
+    events = GrowingFile(folder / EVENTS)
+    lock(events)
+    try:
+        events.cut_to(whole_lines((folder / EVENTS).read_bytes()))
+        events.append((json.dumps(event, ensure_ascii=False) + "\n").encode())
+        events.force()
+        for name in (SUMS, RECORDING, ENDING):
+            remove(folder / name)
+        Ballast(folder).lay()
+    finally:
+        events.close()
+
+
 def is_whole(folder: Path) -> bool:
     """Whether nothing is left to be brought back: `run.h5` can be read, nothing is in progress, and all is summed up."""
     if journals(folder):
         return False
     try:
-        read_recording(folder / RECORDING)
+        tally_of(folder / RECORDING, thorough=False)
         return bool(read_sums(folder))
     except BadInput:
         return False

@@ -13,6 +13,7 @@ from rfca_rig.recording.form import Recording, StaticStage
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER
 
 FORMAT = "rfca-run/1"
+INTERRUPTED = "interrupted"
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,15 @@ def read_ending(folder: Path) -> Ending | None:
         return Ending(said["provenance"], static)
     except (LookupError, TypeError) as error:
         raise BadInput(f"{path}: is not the end of a run: {error}") from None
+
+
+def run_provenance(folder: Path, known: Recording, ending: Ending | None, strokes: int) -> Mapping[str, str]:
+    """Where a run with so many strokes and the static stages of `known` comes from, and how it ended; one that has not ended says so."""
+    found = {**known.provenance, "events": events_text(folder)}
+    if ending is None:
+        said = f"the run ended without being finished, after {strokes} strokes and {len(known.static)} static stages"
+        return {**found, INTERRUPTED: said}
+    return {**found, **ending.provenance}
 
 
 def events_text(folder: Path) -> str:

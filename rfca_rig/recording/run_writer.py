@@ -1,6 +1,6 @@
 """What keeps a run: takes the blocks of the control loop one by one, and knows when a stage is safe."""
 
-import hashlib
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,16 +10,19 @@ from rfca_rig.recording.ballast import Ballast
 from rfca_rig.recording.blocks import End, event_block
 from rfca_rig.recording.journal import Block, Kind, framed
 from rfca_rig.recording.layout import EVENTS, STAGES, journal_path, next_number, stage_path
+from rfca_rig.recording.picture import Picture, write_picture
 from rfca_rig.recording.run_lock import lock
 from rfca_rig.recording.run_text import read_header, whole_lines
-from rfca_rig.recording.stage_file import event_of, stage_in, write_stage
+from rfca_rig.recording.stage_file import Written, write_stage
+from rfca_rig.recording.steps import Steps
 
 
 class RunWriter:
     """Owns the folder of a run while it goes on.
 
-    A full disk costs the ballast: what is under way is still kept, and `complaint` says from then on that the run must stop.
-    `acknowledged` stages are on disk, whatever comes.
+    A stage that ends is safe in its journal, and made into its file by `work`, step by step, while the next may go on already.
+    `acknowledged` stages are on disk, whatever comes. A full disk costs the ballast: what is under way is still kept, and `complaint`
+    says from then on that the run must stop.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -33,11 +36,13 @@ class RunWriter:
         self._number = next_number(folder)
         self._journal: GrowingFile | None = None
         self._waiting: list[bytes] = []
+        self._ended: deque[int] = deque()
+        self._making: Steps[Written | None] | None = None
         self.acknowledged = 0
         self.complaint = ""
 
     def take(self, block: Block) -> None:
-        """Raises RigError where the disk refuses for good. Samples reach the disk with `flush`, ends of stages before it returns."""
+        """Raises RigError where the disk refuses for good. Samples reach the disk with `flush`, the file of a stage with `work`."""
         match block.kind:
             case Kind.EVENT:
                 self._kept(lambda: self._events.append(block.payload + b"\n"))
@@ -55,6 +60,33 @@ class RunWriter:
             journal = self._journal
             self._kept(lambda: journal.append(waiting))
 
+    def work(self) -> bool:
+        """Takes a step towards the files of stages that have ended; False where there is nothing to do. Raises as `take` does."""
+        if not self._ended:
+            return False
+        number = self._ended[0]
+        journal, path = journal_path(self._folder, number), stage_path(self._folder, number)
+        self._making = self._making or write_stage(journal, path, self._header)
+        try:
+            next(self._making)
+        except StopIteration as done:
+            self._making = None
+            self._ended.popleft()
+            self._acknowledge(journal, path, done.value)
+        except DiskFull as full:
+            self._making = None
+            self._use_ballast(full)
+        return True
+
+    def work_off(self) -> None:
+        """Returns when every stage that has ended is acknowledged."""
+        while self.work():
+            pass
+
+    def keep_picture(self, name: str, picture: Picture) -> None:
+        """Returns when the photo is on disk, at that path from the run's folder. Raises RigError where the disk refuses for good."""
+        self._kept(lambda: write_picture(self._folder / name, picture))
+
     def force(self) -> None:
         """Returns when what was flushed survives a power cut too."""
         if self._journal is not None:
@@ -66,6 +98,7 @@ class RunWriter:
         try:
             if self._journal is not None:
                 self._end(End(cut_short=why).block())
+            self.work_off()
             self.take(event_block({"event": "run ends", "why": why}))
             self._events.force()
         finally:
@@ -84,17 +117,15 @@ class RunWriter:
         self._journal.close()
         self._journal = None
         number, self._number = self._number, self._number + 1
-        self._acknowledge(number)
+        self._ended.append(number)
 
-    def _acknowledge(self, number: int) -> None:
-        """Puts the journal's stage into a file of its own, and takes the journal away."""
-        journal = journal_path(self._folder, number)
-        stage = stage_in(journal, self._header)
-        if stage is not None:
-            path = stage_path(self._folder, number)
-            self._kept(lambda: write_stage(stage, path))
-            said = event_of(stage, f"{STAGES}/{path.name}", hashlib.sha256(path.read_bytes()).hexdigest())
-            self.acknowledged += 1
+    def _acknowledge(self, journal: Path, path: Path, written: Written | None) -> None:
+        """Says that the stage is on disk, and takes the journal away. One whose photo is not there is kept, but not acknowledged."""
+        if written is not None:
+            photo = written.end.static.photo if written.end.static else ""
+            has_photo = not photo or (self._folder / photo).is_file()
+            self.acknowledged += has_photo
+            said = written.event(f"{STAGES}/{path.name}", **({} if has_photo else {"photo": f"{photo} is lost"}))
             self._kept(lambda: self._events.append(said))
             self._events.force()
         remove(journal)
@@ -104,8 +135,12 @@ class RunWriter:
         try:
             write()
         except DiskFull as full:
-            if not self._ballast.release():
-                raise
-            self.complaint = f"stopped: disk full: {full}"
-            sync_folder(self._folder)
+            self._use_ballast(full)
             write()
+
+    def _use_ballast(self, full: DiskFull) -> None:
+        """Gives its room to what the disk refused. Raises that where there is none left."""
+        if not self._ballast.release():
+            raise full
+        self.complaint = f"stopped: disk full: {full}"
+        sync_folder(self._folder)

@@ -5,17 +5,39 @@ writing cuts the seal off; such a file counts as edited, not as damaged.
 """
 
 import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
 
 _MARK = b"rfca-seal"
 _LENGTH = len(_MARK) + hashlib.sha256().digest_size
+PIECE = 1 << 20
 
 
-def sealed(content: bytes) -> bytes:
-    """The content with its seal behind it."""
-    return content + _MARK + hashlib.sha256(content).digest()
+def seal_of(content_sha256: bytes) -> bytes:
+    """What to put behind the content with that digest."""
+    return _MARK + content_sha256
 
 
-def is_broken(content: bytes) -> bool:
-    """Whether there is a seal and the content is not what was sealed."""
-    body, seal = content[:-_LENGTH], content[-_LENGTH:]
-    return seal.startswith(_MARK) and sealed(body) != content
+def is_broken(path: Path) -> bool:
+    """Whether there is a seal and the content is not what was sealed. Raises OSError."""
+    with path.open("rb") as file:
+        length = file.seek(0, 2) - _LENGTH
+        if length < 0:
+            return False
+        file.seek(length)
+        seal = file.read()
+        if not seal.startswith(_MARK):
+            return False
+        file.seek(0)
+        digest = hashlib.sha256()
+        for piece in _pieces(file, length):
+            digest.update(piece)
+        return seal_of(digest.digest()) != seal
+
+
+def _pieces(file: BinaryIO, length: int) -> Iterator[bytes]:
+    while length > 0:
+        piece = file.read(min(PIECE, length))
+        yield piece
+        length = length - len(piece) if piece else 0

@@ -1,71 +1,159 @@
-"""From the journal of a stage to its file. A stage that ends in good order goes the same way as one that a crash left."""
+"""From the journal of a stage to its file. A stage that ends in good order goes the same way as one that a crash left.
+
+The journal is gone through twice, once to learn how long the stage is and when it began, once to copy; a stage of hours takes no more
+memory than one of seconds.
+"""
 
 import json
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.blocks import Begin, End, start_of
-from rfca_rig.recording.form import RawStage, Recording, Stroke
-from rfca_rig.recording.journal import Block, Kind, whole_blocks
-from rfca_rig.recording.rows import RowPile
-from rfca_rig.recording.store import write_recording
+from rfca_rig.recording.columns import ROWS_PER_CHUNK, link
+from rfca_rig.recording.form import Recording
+from rfca_rig.recording.hdf5_file import FileBeingMade, being_made
+from rfca_rig.recording.journal import Kind, blocks_in
+from rfca_rig.recording.raw_stages import make_raw_stages, mark_raw_stage
+from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, RowBatches, Rows, Start, host_offset_s, started
+from rfca_rig.recording.static_table import write_static
+from rfca_rig.recording.steps import Steps
+from rfca_rig.recording.store import mark_recording
+from rfca_rig.recording.strokes import TIME, make_streams, make_strokes, mark_stroke, write_rows
 
 INTERRUPTED = "the recording was interrupted"
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a journal holds. Per stream, in the order of the forms: how many samples, and the offset of the device's clock to the host's."""
+
+    begin: Begin
+    start: Start
+    end: End
+    lengths: tuple[int, ...]
+    host_offsets_s: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Written:
+    """A stage on disk: samples by stream, SHA-256 of its file, and as whom it ended."""
+
+    samples: Mapping[str, int]
+    sha256: str
+    end: End
+
+    def event(self, name: str, **about: str) -> bytes:
+        """The line that says so."""
+        why = self.end.cut_short
+        what = {"event": "stage cut short", "why": why} if why else {"event": "stage recorded"}
+        said = {**what, "file": name, "sha256": self.sha256, "samples": self.samples, **about}
+        return (json.dumps(said, ensure_ascii=False) + "\n").encode()
+
+
+def write_stage(journal: Path, path: Path, header: Recording) -> Steps[Written | None]:
+    """Puts what the journal holds up to its last whole block into a file of its own; None, and no file, where it holds no sample.
+
+    The stage counts as recorded when the last step is done. Raises RigError, DiskFull; BadInput for blocks that are whole and yet
+    make no sense.
+    """
+    with _sense_in(journal):
+        survey = yield from _survey(journal)
+    if survey is None or not (survey.end.stroke or any(survey.lengths)):
+        return None
+    with being_made(path) as made:
+        yield from _fill(made, survey, journal, header)
+        sha256 = yield from made.put_in_place()
+    samples = {form.name: length for form, length in zip(survey.begin.forms, survey.lengths, strict=True)}
+    return Written(samples, sha256, survey.end)
+
+
+@contextmanager
+def _sense_in(journal: Path) -> Iterator[None]:
+    try:
+        yield
+    except (ValueError, LookupError, TypeError, OSError) as error:
+        raise BadInput(f"{journal}: is no journal of a stage: {type(error).__name__}: {error}") from None
+
+
+def _survey(journal: Path) -> Steps[Survey | None]:
+    blocks = blocks_in(journal)
+    first = next(blocks, None)
+    if first is None or first.kind is not Kind.BEGIN:
+        return None
+    begin, found = Begin.of(first), _Found()
+    counts = [_Count() for _ in begin.forms]
+    for stream, rows in found.batches(begin, journal):
+        counts[stream].add(rows)
+        yield
+    first_s = min((count.first_s for count in counts if count.length), default=0.0)
+    lengths, offsets_s = tuple(count.length for count in counts), tuple(count.offset_s for count in counts)
+    return Survey(begin, found.start or Start(first_s), found.end, lengths, offsets_s)
+
+
+class _Found:
+    """What the blocks said besides samples."""
+
+    def __init__(self) -> None:
+        self.start: Start | None = None
+        self.end = End(cut_short=INTERRUPTED)
+
+    def batches(self, begin: Begin, journal: Path) -> Iterator[tuple[int, Rows]]:
+        """The samples of a journal, each batch with the number of its stream."""
+        gathering = RowBatches(begin.forms, ROWS_PER_CHUNK)
+        for block in blocks_in(journal):
+            match block.kind:
+                case Kind.SAMPLES:
+                    yield from gathering.add(block.payload)
+                case Kind.START:
+                    self.start = start_of(block)
+                case Kind.END:
+                    self.end = End.of(block)
+        yield from gathering.rest()
+
+
+class _Count:
+    """Of one stream."""
+
+    def __init__(self) -> None:
+        self.length, self.first_s, self.offset_s = 0, 0.0, np.inf
+
+    def add(self, rows: Rows) -> None:
+        if len(rows):
+            self.first_s = self.first_s if self.length else float(rows[HOST_TIME][0])
+            self.length += len(rows)
+            self.offset_s = min(self.offset_s, host_offset_s(rows[HOST_TIME], rows[DEVICE_TIME]))
+
+
+def _fill(made: FileBeingMade, survey: Survey, journal: Path, header: Recording) -> Steps[None]:
+    begin, end = survey.begin, survey.end
+    source = header.source
+    mark_recording(made.root, bare(header), has_strokes=bool(end.stroke))
+    strokes = make_strokes(made.root)
+    write_static(made.root, (end.static,) if end.static and not end.stroke else ())
+    if end.stroke:
+        group = strokes.create_group("001")
+        mark_stroke(group, begin.height_m, end.stroke.speed_rad_s, end.stroke.repeat)
+    else:
+        group = make_raw_stages(made.root).create_group("001")
+        mark_raw_stage(group, begin.label, begin.height_m, end.cut_short)
+    forms = [started(form, survey.start) for form in begin.forms]
+    make_streams(group, list(zip(forms, survey.lengths, strict=True)), source)
+    filled = [0] * len(forms)
+    for stream, rows in _Found().batches(begin, journal):
+        target = group[link(forms[stream].name)]
+        for column in forms[stream].columns:
+            write_rows(target, column.name, filled[stream], rows[column.name])
+        write_rows(target, TIME, filled[stream], rows[DEVICE_TIME] + (survey.host_offsets_s[stream] - survey.start.start_s))
+        filled[stream] += len(rows)
+        made.check()
+        yield
 
 
 def bare(header: Recording) -> Recording:
     """What a stage's file repeats of its run's header."""
     return replace(header, believed={}, known_to={}, strokes=(), static=(), provenance={})
-
-
-def stage_in(journal: Path, header: Recording) -> Recording | None:
-    """What the journal holds up to its last whole block, as a recording of one stage; None where it holds no sample.
-
-    Raises BadInput for blocks that are whole and yet make no sense.
-    """
-    blocks, _ = whole_blocks(journal.read_bytes())
-    try:
-        return _stage(blocks, bare(header))
-    except (ValueError, LookupError, TypeError) as error:
-        raise BadInput(f"{journal}: is no journal of a stage: {type(error).__name__}: {error}") from None
-
-
-def _stage(blocks: list[Block], header: Recording) -> Recording | None:
-    if not blocks or blocks[0].kind is not Kind.BEGIN:
-        return None
-    begin, start, end = Begin.of(blocks[0]), None, End(cut_short=INTERRUPTED)
-    pile = RowPile(begin.forms)
-    for block in blocks[1:]:
-        match block.kind:
-            case Kind.SAMPLES:
-                pile.add(block.payload)
-            case Kind.START:
-                start = start_of(block)
-            case Kind.END:
-                end = End.of(block)
-    streams = pile.streams(start)
-    if end.stroke:
-        return replace(header, strokes=(Stroke(begin.height_m, end.stroke.speed_rad_s, end.stroke.repeat, streams),))
-    if not any(len(stream.t_s) for stream in streams.values()):
-        return None
-    raw = (RawStage(begin.label, begin.height_m, streams, end.cut_short),)
-    return replace(header, static=(end.static,) if end.static else (), raw=raw)
-
-
-def write_stage(stage: Recording, path: Path) -> Path:
-    """Returns when the stage is on disk: that is when it counts as recorded. Raises RigError, DiskFull."""
-    return write_recording(stage, path)
-
-
-def samples_in(stage: Recording) -> dict[str, int]:
-    """How many samples each stream of a stage has."""
-    streams = [*(stroke.streams for stroke in stage.strokes), *(raw.streams for raw in stage.raw)]
-    return {name: len(stream.t_s) for some in streams for name, stream in some.items()}
-
-
-def event_of(stage: Recording, name: str, sha256: str) -> bytes:
-    """The line that says a stage is on disk."""
-    cut_short = next((raw.cut_short for raw in stage.raw), "")
-    what = {"event": "stage cut short", "why": cut_short} if cut_short else {"event": "stage recorded"}
-    return (json.dumps({**what, "file": name, "sha256": sha256, "samples": samples_in(stage)}, ensure_ascii=False) + "\n").encode()

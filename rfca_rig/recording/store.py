@@ -8,8 +8,7 @@
     /static      a column per quantity, a row per stage, see `static_table`
     /raw/001     samples of stages that are no strokes, see `raw_stages`
 
-The file is put together in memory and reaches the disk by plain writes. A full disk is then an ordinary error; HDF5 that meets
-one while closing a file can take the whole process down when it exits (h5py issue 914). Behind the end stands a `seal`.
+Behind the end stands a `seal`.
 """
 
 import json
@@ -22,12 +21,14 @@ import h5py
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import nexus
-from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.form import Recording, Source
+from rfca_rig.recording.hdf5_file import being_made
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.raw_stages import read_raw_stages, write_raw_stages
-from rfca_rig.recording.seal import is_broken, sealed
+from rfca_rig.recording.seal import is_broken
 from rfca_rig.recording.static_table import read_static, write_static
+from rfca_rig.recording.steps import at_once
+from rfca_rig.recording.strokes import GROUP as STROKES
 from rfca_rig.recording.strokes import read_strokes, write_strokes
 
 FORMAT = "rfca-recording/1"
@@ -39,31 +40,28 @@ def write_recording(recording: Recording, path: Path) -> Path:
 
     Raises RigError when the disk refuses, ValueError for columns that are not equally long rows of numbers.
     """
-    write_atomically(path, image_of(recording))
+    with being_made(path) as made:
+        mark_recording(made.root, recording, has_strokes=bool(recording.strokes or not recording.raw))
+        write_strokes(made.root, recording.strokes, recording.source)
+        write_static(made.root, recording.static)
+        write_raw_stages(made.root, recording.raw, recording.source)
+        at_once(made.put_in_place())
     return path
 
 
-def image_of(recording: Recording) -> bytes:
-    """The bytes of the file that holds the recording."""
-    with h5py.File("in memory", "w", driver="core", backing_store=False) as file:
-        file.attrs["format"] = FORMAT
-        file.attrs["title"] = recording.title
-        file.attrs["source"] = recording.source
-        nexus.mark_root(file, "strokes" if recording.strokes or not recording.raw else RAW)
-        _write_text(file, "believed", recording.believed)
-        _write_text(file, "known_to", recording.known_to)
-        _write_text(file, "provenance", recording.provenance)
-        write_strokes(file, recording.strokes, recording.source)
-        write_static(file, recording.static)
-        write_raw_stages(file, recording.raw, recording.source)
-        file.flush()
-        return sealed(file.id.get_file_image())
+def mark_recording(file: h5py.Group, recording: Recording, has_strokes: bool) -> None:
+    """What there is of it besides strokes and stages."""
+    file.attrs["format"] = FORMAT
+    file.attrs["title"] = recording.title
+    file.attrs["source"] = recording.source
+    nexus.mark_root(file, STROKES if has_strokes else RAW)
+    for name in ("believed", "known_to", "provenance"):
+        _write_text(file, name, getattr(recording, name))
 
 
 def read_recording(path: Path) -> Recording:
     """The recording in `path`, all of it in memory. Raises BadInput for a file that is damaged or of another kind."""
-    with _damage_in(path), h5py.File(path, "r") as file:
-        source = _checked_source(path, file)
+    with opened(path) as (file, source):
         return Recording(
             title=str(file.attrs["title"]),
             source=source,
@@ -74,6 +72,13 @@ def read_recording(path: Path) -> Recording:
             provenance=_read_text(file, "provenance"),
             raw=read_raw_stages(file, source),
         )
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[tuple[h5py.File, Source]]:
+    """The file, once its seal is found whole. Raises BadInput for one that is damaged or of another kind, here or within the block."""
+    with _damage_in(path), h5py.File(path, "r") as file:
+        yield file, _checked_source(path, file)
 
 
 def _checked_source(path: Path, file: h5py.File) -> Source:
@@ -93,7 +98,7 @@ def _damage_in(path: Path) -> Iterator[None]:
     if not path.is_file():
         raise BadInput(f"{path}: is not there")
     try:
-        if is_broken(path.read_bytes()):
+        if is_broken(path):
             raise ValueError("its checksum does not match, so bytes were changed after it was written")
         yield
     except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, MemoryError) as error:

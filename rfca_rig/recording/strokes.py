@@ -1,49 +1,80 @@
-"""Strokes and their streams as HDF5 groups.
+"""Strokes as HDF5 groups, and the streams of theirs and of other stages.
 
 Each stream is a group of equally long 1-d datasets with its own `t_s`, to which the others are bound as a dimension scale: that is
 how xarray, MATLAB and HDFView find the axis.
 """
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import h5py
+import numpy as np
 
 from rfca_rig.recording import nexus
-from rfca_rig.recording.columns import link, read_column, write_column
-from rfca_rig.recording.form import Column, Source, Stream, Stroke
+from rfca_rig.recording.columns import copy_column, form_in, form_of, link, make_column, read_column
+from rfca_rig.recording.form import Source, Stream, Stroke
+from rfca_rig.recording.rows import ColumnForm, Rows, StreamForm
 
+GROUP = "strokes"
 TIME = "t_s"
+_TIME_FORM = ColumnForm(TIME, "<f8", "s")
 
 
 def write_strokes(parent: h5py.Group, strokes: Iterable[Stroke], source: Source) -> None:
     """strokes/001, strokes/002 ... in the order given."""
-    group = parent.create_group("strokes")
-    nexus.mark_entry(group)
+    group = make_strokes(parent)
     for number, stroke in enumerate(strokes, start=1):
         write_stroke(group.create_group(f"{number:03d}"), stroke, source)
 
 
+def make_strokes(parent: h5py.Group) -> h5py.Group:
+    """The group of all strokes, still without any."""
+    group = parent.create_group(GROUP)
+    nexus.mark_entry(group)
+    return group
+
+
 def read_strokes(parent: h5py.Group, source: Source) -> tuple[Stroke, ...]:
     """The strokes in their order."""
-    group = parent["strokes"]
+    group = parent[GROUP]
     return tuple(read_stroke(group[number], source) for number in sorted(group, key=int))
 
 
 def write_stroke(group: h5py.Group, stroke: Stroke, source: Source) -> None:
     """Fills an empty group with the stroke."""
-    group.attrs["height_mm"] = height_mm(stroke.height_m)
-    group.attrs["speed_rad_s"] = stroke.speed_rad_s
-    group.attrs["repeat"] = stroke.repeat
+    mark_stroke(group, stroke.height_m, stroke.speed_rad_s, stroke.repeat)
     write_streams(group, stroke.streams, source)
+
+
+def mark_stroke(group: h5py.Group, height_m: float, speed_rad_s: float, repeat: int) -> None:
+    """The condition, as attributes."""
+    group.attrs["height_mm"] = height_mm(height_m)
+    group.attrs["speed_rad_s"] = speed_rad_s
+    group.attrs["repeat"] = repeat
 
 
 def write_streams(group: h5py.Group, streams: Mapping[str, Stream], source: Source) -> None:
     """A group per stream, and their order."""
-    group.attrs["order"] = json.dumps(list(streams))
-    nexus.mark_stage(group, list(streams))
+    make_streams(group, [(_form_of(name, stream), len(stream.t_s)) for name, stream in streams.items()], source)
     for name, stream in streams.items():
-        _write_stream(group.create_group(link(name)), stream, source)
+        for column, values in {TIME: stream.t_s, **{name: column.raw for name, column in stream.columns.items()}}.items():
+            write_rows(group[link(name)], column, 0, values)
+
+
+def make_streams(group: h5py.Group, streams: Iterable[tuple[StreamForm, int]], source: Source) -> None:
+    """Streams of so many samples that wait for their values."""
+    streams = list(streams)
+    names = [form.name for form, _ in streams]
+    group.attrs["order"] = json.dumps(names)
+    nexus.mark_stage(group, names)
+    for form, length in streams:
+        _make_stream(group.create_group(link(form.name)), form, length, source)
+
+
+def write_rows(group: h5py.Group, column: str, at: int, values: Rows) -> None:
+    """Values of a column or of the TIME of a stream that was made, from sample `at` on."""
+    if len(values):
+        group[link(column)][at : at + len(values)] = np.ascontiguousarray(values)
 
 
 def read_stroke(group: h5py.Group, source: Source) -> Stroke:
@@ -55,29 +86,61 @@ def read_stroke(group: h5py.Group, source: Source) -> Stroke:
 
 def read_streams(group: h5py.Group, source: Source) -> dict[str, Stream]:
     """The streams in their order. Raises ValueError where one is not of the recording's source."""
-    return {name: _read_stream(group[link(name)], source) for name in json.loads(group.attrs["order"])}
+    return {name: _read_stream(stream) for name, stream in streams_in(group, source)}
 
 
-def _write_stream(group: h5py.Group, stream: Stream, source: Source) -> None:
+def copy_streams(source_group: h5py.Group, target_group: h5py.Group, source: Source) -> Iterator[None]:
+    """All streams of a stage, bit by bit and some at a time. Raises ValueError where one is not of the recording's source."""
+    groups = dict(streams_in(source_group, source))
+    make_streams(target_group, [_form_in(name, group) for name, group in groups.items()], source)
+    for name, group in groups.items():
+        target = target_group[link(name)]
+        for column in (TIME, *json.loads(group.attrs["order"])):
+            yield from copy_column(group[link(column)], target[link(column)])
+
+
+def streams_in(stage: h5py.Group, source: Source) -> Iterator[tuple[str, h5py.Group]]:
+    """The groups of a stage's streams by name. Raises ValueError where one is not of the recording's source."""
+    for name in json.loads(stage.attrs["order"]):
+        group = stage[link(name)]
+        _check_stream(group, source)
+        yield name, group
+
+
+def _form_in(name: str, group: h5py.Group) -> tuple[StreamForm, int]:
+    forms = tuple(form_in(group, column) for column in json.loads(group.attrs["order"]))
+    return StreamForm(name, forms), len(group[TIME])
+
+
+def _form_of(name: str, stream: Stream) -> StreamForm:
+    forms = tuple(form_of(name, column) for name, column in stream.columns.items())
+    for column, known in stream.columns.items():
+        if known.raw.shape != stream.t_s.shape:
+            raise ValueError(f"column {column} has shape {known.raw.shape}, its time {stream.t_s.shape}")
+    return StreamForm(name, forms)
+
+
+def _make_stream(group: h5py.Group, form: StreamForm, length: int, source: Source) -> None:
+    names = [column.name for column in form.columns]
     group.attrs["source"] = source
-    group.attrs["order"] = json.dumps(list(stream.columns))
-    nexus.mark_stream(group, list(stream.columns), TIME)
-    time = write_column(group, TIME, Column(stream.t_s, "s"))
+    group.attrs["order"] = json.dumps(names)
+    nexus.mark_stream(group, names, TIME)
+    time = make_column(group, _TIME_FORM, length)
     time.make_scale(TIME)
-    for name, column in stream.columns.items():
-        if column.raw.shape != stream.t_s.shape:
-            raise ValueError(f"column {name} has shape {column.raw.shape}, its time {stream.t_s.shape}")
-        write_column(group, name, column).dims[0].attach_scale(time)
+    for column in form.columns:
+        make_column(group, column, length).dims[0].attach_scale(time)
 
 
-def _read_stream(group: h5py.Group, source: Source) -> Stream:
+def _read_stream(group: h5py.Group) -> Stream:
+    columns = {name: read_column(group, name) for name in json.loads(group.attrs["order"])}
+    return Stream(read_column(group, TIME).raw, columns)
+
+
+def _check_stream(group: h5py.Group, source: Source) -> None:
     if group.attrs["source"] != source:
         raise ValueError(f"{group.name} is marked {group.attrs['source']} in a recording marked {source}")
-    columns = {name: read_column(group, name) for name in json.loads(group.attrs["order"])}
-    t_s = read_column(group, TIME).raw
-    if any(column.raw.shape != t_s.shape for column in columns.values()):
+    if any(group[link(name)].shape != group[TIME].shape for name in json.loads(group.attrs["order"])):
         raise ValueError(f"the columns of {group.name} differ in length")
-    return Stream(t_s, columns)
 
 
 def height_mm(height_m: float) -> float:

@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from rfca_rig.twin_server.faults import Fault
+from rfca_rig.twin_server.drive_faults import drive_events
+from rfca_rig.twin_server.faults import DRIVE_FAULTS, Fault
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin
 
@@ -16,6 +17,7 @@ CUBEMARS_FAULTS = (
     Fault("encoder-lost", "the drive stops with error 5, encoder fault", once=True),
     Fault("stalled", "the drive stops with error 7, motor stalled", once=True),
     Fault("refuses", "every later attempt to enable the drive ends in error 1", once=True),
+    *DRIVE_FAULTS,
 )
 
 
@@ -27,4 +29,5 @@ def cubemars_events(motor: CubemarsMitTwin | CubemarsServoTwin) -> Mapping[str, 
         "encoder-lost": lambda: motor.fail(ENCODER),
         "stalled": lambda: motor.fail(STALLED),
         "refuses": lambda: motor.refuse_with(TOO_HOT),
+        **drive_events(motor),
     }

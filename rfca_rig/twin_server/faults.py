@@ -22,6 +22,7 @@ FORCE_FAULTS = (
     Fault("force-short", "every tenth datagram lacks its last 9 bytes"),
     Fault("force-long", "every tenth datagram has one byte too many"),
     Fault("force-silent", "no datagram leaves the box"),
+    Fault("force-stuck", "every record has the values of the first, though all counters run on, as with a transducer that was unplugged"),
     Fault("force-frozen", "records keep coming, but the sensor's own sample counter and values stand still"),
     Fault("force-saturated", "every record carries status 0x80020000"),
     Fault("force-scale", "twice the counts per newton and newton metre, as after a change on the box's web page, which says so"),
@@ -35,6 +36,13 @@ CAN_FAULTS = (
     Fault("bus-off", "the drive neither hears nor says anything"),
     Fault("can-short", "every frame of the drive lacks its last byte"),
     Fault("own-frame-echo", "what is sent to the drive comes back to the sender"),
+    Fault("can-twice", "every frame of the drive comes twice"),
+)
+DRIVE_FAULTS = (
+    Fault("drive-restart", "the drive starts anew: without torque, and its position counts from elsewhere", once=True),
+    Fault("drive-hot", "the motor warms by 5 K every second, and the drive has no limit of its own", once=True),
+    Fault("temperature-stuck", "the temperature that the drive tells never changes again", once=True),
+    Fault("encoder-frozen", "every report of the position is the next one over again", once=True),
 )
 ODRIVE_FAULTS = (
     Fault("heartbeat-silent", "encoder reports go on without heartbeats"),
@@ -42,6 +50,7 @@ ODRIVE_FAULTS = (
     Fault("watchdog-trip", "the drive says its watchdog expired, and goes idle", once=True),
     Fault("over-temperature", "the drive says its motor is too hot, and goes idle", once=True),
     Fault("idle-unasked", "the drive goes idle without any error", once=True),
+    *DRIVE_FAULTS,
 )
 
 

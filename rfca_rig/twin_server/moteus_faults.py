@@ -8,7 +8,8 @@ import can
 from rfca_rig.codecs import moteus
 from rfca_rig.codecs.moteus import Reply, Subframe
 from rfca_rig.codecs.moteus_registers import Register
-from rfca_rig.twin_server.faults import Fault
+from rfca_rig.twin_server.drive_faults import drive_events
+from rfca_rig.twin_server.faults import DRIVE_FAULTS, Fault
 from rfca_rig.twin_server.tampered_bus import with_data
 from rfca_rig.twins.moteus import MoteusTwin
 
@@ -18,7 +19,7 @@ MOTEUS_FAULTS = (
     Fault("encoder-jump", "the drive's position reads one turn more"),
     Fault("watchdog-trip", "the drive times out, though commands reach it", once=True),
     Fault("over-temperature", "the drive stops with fault 38, over temperature", once=True),
-    Fault("drive-restart", "the drive starts anew: stopped, its millisecond counter from zero", once=True),
+    *DRIVE_FAULTS,
 )
 
 
@@ -44,5 +45,5 @@ def moteus_events(motor: MoteusTwin) -> Mapping[str, Callable[[], None]]:
     return {
         "watchdog-trip": motor.time_out,
         "over-temperature": lambda: motor.fail(OVER_TEMPERATURE),
-        "drive-restart": motor.restart,
+        **drive_events(motor),
     }

@@ -6,6 +6,7 @@ import can
 
 from rfca_rig.codecs import cansimple, odrive_meanings, odrive_older_meanings
 from rfca_rig.codecs.odrive_messages import Command, Dialect, EncoderEstimates
+from rfca_rig.twin_server.drive_faults import drive_events
 from rfca_rig.twin_server.tampered_bus import with_data
 from rfca_rig.twins.odrive import WATCHDOG_EXPIRED, OdriveTwin
 
@@ -35,4 +36,5 @@ def odrive_events(motor: OdriveTwin) -> Mapping[str, Callable[[], None]]:
         "watchdog-trip": lambda: motor.fail(WATCHDOG_EXPIRED[motor.dialect]),
         "over-temperature": lambda: motor.fail(OVER_TEMPERATURE[motor.dialect]),
         "idle-unasked": lambda: motor.fail(0),
+        **drive_events(motor),
     }

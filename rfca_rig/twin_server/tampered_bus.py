@@ -49,6 +49,8 @@ class TamperedBus(can.BusABC):
                 msg = self._dialect.jumped(msg)
             if self._panel.is_on("can-short"):
                 msg = _shortened(msg)
+            if self._panel.is_on("can-twice"):
+                self._end.send(msg, timeout)
         self._end.send(msg, timeout)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:

@@ -26,6 +26,7 @@ class TamperedLink:
         self._samples_before_restart = 0
         self._last_sample = 0
         self._frozen: Records | None = None
+        self._stuck: Records | None = None
 
     def receive_all(self) -> list[bytes]:
         """Requests, and those that a fault adds."""
@@ -64,6 +65,9 @@ class TamperedLink:
             records = replace(records, counts=np.clip(2 * records.counts.astype(np.int64), -(2**31) + 1, 2**31 - 1).astype(np.int32))
         if self._panel.is_on("force-saturated"):
             records = replace(records, status=np.full_like(records.status, SATURATED))
+        self._stuck = (self._stuck or records) if self._panel.is_on("force-stuck") else None
+        if self._stuck is not None:
+            records = replace(records, counts=np.broadcast_to(self._stuck.counts[0], records.counts.shape).copy())
         self._frozen = (self._frozen or records) if self._panel.is_on("force-frozen") else None
         return records if self._frozen is None else _standing_still(records, self._frozen)
 

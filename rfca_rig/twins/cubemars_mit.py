@@ -1,6 +1,7 @@
 """The drive's side of the CAN wire: a CubeMars / T-Motor AK drive in MIT mode on the motor that turns the shaft."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from math import remainder, tau
 
 import can
 
@@ -8,11 +9,13 @@ from rfca_rig.codecs import cubemars_mit
 from rfca_rig.codecs.cubemars_mit import POSITION_CODES, MitCommand, MitReply, Special
 from rfca_rig.codecs.cubemars_ranges import mit_ranges
 from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.twins.encoder import Encoder
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
+from rfca_rig.twins.warmth import Warming, Warmth
 
 AT_REST = MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)
 ZEROING_S = 1.0
-WARM_degC = 31
+ROTOR_TURN_RAD = tau / 9.0  # at the shaft: the encoder sits before the gear
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,7 @@ class MitTwinSettings:
     wraps: bool = True
     tells_errors: bool = True
     entering_error: int = 0
+    warming: Warming = field(default_factory=lambda: Warming(air_degC=31.0))
 
 
 class CubemarsMitTwin:
@@ -55,6 +59,9 @@ class CubemarsMitTwin:
         self._mute_until_s = 0.0
         self._fed_s = 0.0
         self._unanswered = 0
+        self._restarts = False
+        self.encoder = Encoder()
+        self.warmth = Warmth(settings.warming)
 
     def take_frames(self, now_s: float) -> None:
         """Obeys what has come in; frames that cannot be read are ignored. Commands feed the watchdog, special frames do not."""
@@ -89,6 +96,10 @@ class CubemarsMitTwin:
         """An error of the drive's own: it gives no torque until it enters MIT mode anew."""
         self._error, self._entered = error, False
 
+    def restart(self) -> None:
+        """Power off and on: not in MIT mode, and which turn of the rotor it is in is forgotten."""
+        self._command, self._entered, self._error, self._restarts = AT_REST, False, 0, True
+
     def leap(self, by_rad: float) -> None:
         """The encoder slips: from now on the drive reports another position."""
         self._zero_rad += by_rad
@@ -99,6 +110,9 @@ class CubemarsMitTwin:
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
         """Answers what was asked, and gives the torque on the shaft until the next step, within the limit as of now."""
+        if self._restarts:
+            self._restarts, told_rad = False, self._settings.direction * shaft.angle_rad + self._zero_rad
+            self._zero_rad += remainder(told_rad, ROTOR_TURN_RAD) - told_rad
         for _ in range(self._unanswered):
             self._reply(shaft)
         self._unanswered = 0
@@ -125,19 +139,21 @@ class CubemarsMitTwin:
         given_Nm = self._settings.torque_limit_Nm
         return self._ranges.torque_Nm if given_Nm is None else min(given_Nm, self._ranges.torque_Nm)
 
-    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
+    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:  # noqa: ARG002
         """Nothing becomes due: the drive speaks only when it is asked."""
+        self.warmth.passed(elapsed_s, after.torque_Nm)
 
     def _reply(self, shaft: ShaftState) -> None:
         settings, told = self._settings, self._settings.tells_errors
-        code = cubemars_mit.position_code(self._ranges, settings.direction * shaft.angle_rad + self._zero_rad)
+        angle_rad, speed_rad_s = self.encoder.told(settings.direction * shaft.angle_rad + self._zero_rad, shaft.speed_rad_s)
+        code = cubemars_mit.position_code(self._ranges, angle_rad)
         reply = MitReply(
             drive_id=settings.drive_id,
             position_code=code % POSITION_CODES if settings.wraps else min(max(code, 0), POSITION_CODES - 1),
             position_rad=0.0,
-            speed_rad_s=settings.direction * shaft.speed_rad_s,
+            speed_rad_s=settings.direction * speed_rad_s,
             torque_Nm=settings.direction * shaft.torque_Nm,
-            temperature_degC=WARM_degC if told else None,
+            temperature_degC=min(round(self.warmth.told_degC), 255 - self._ranges.temperature_offset_degC) if told else None,
             error=self._error if told else None,
         )
         identifier = settings.drive_id if settings.reply_id is None else settings.reply_id

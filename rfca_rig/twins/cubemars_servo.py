@@ -1,7 +1,7 @@
 """The drive's side of the CAN wire: a CubeMars / T-Motor AK drive in servo mode on the motor that turns the shaft."""
 
 from dataclasses import dataclass, field, replace
-from math import degrees, floor, radians, tau
+from math import degrees, floor, radians, remainder, tau
 
 import can
 
@@ -9,12 +9,14 @@ from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_servo import Message, Origin, Status
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.odrive_messages import ControlMode
+from rfca_rig.twins.encoder import Encoder
 from rfca_rig.twins.motor import moments_between
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
 from rfca_rig.twins.speed_loop import LoopGains, SetPoint, SpeedLoop
 from rfca_rig.twins.ticks import Ticks
+from rfca_rig.twins.warmth import Warming, Warmth
 
-WARM_degC = 31
+HOTTEST_degC = 127  # that its status can tell
 MOST_COUNT = 32_000  # where the manual says that the position of the status frame ends
 
 
@@ -38,6 +40,7 @@ class ServoTwinSettings:
     watchdog_s: float | None = None
     wraps: bool = True
     ordered_error: int = 0
+    warming: Warming = field(default_factory=lambda: Warming(air_degC=31.0))
 
 
 class CubemarsServoTwin:
@@ -60,6 +63,9 @@ class CubemarsServoTwin:
         self._error = 0
         self._fed_s = 0.0
         self._status_ticks = Ticks(settings.status_period_s)
+        self._restarts = False
+        self.encoder = Encoder()
+        self.warmth = Warmth(settings.warming)
 
     def take_frames(self, now_s: float) -> None:
         """Obeys what has come in; frames that cannot be read are ignored."""
@@ -117,6 +123,11 @@ class CubemarsServoTwin:
         self._push(0.0)
         self._error = error
 
+    def restart(self) -> None:
+        """Power off and on: without torque, and which turn of the rotor it is in is forgotten."""
+        self._push(0.0)
+        self._restarts = True
+
     def leap(self, by_rad: float) -> None:
         """The encoder slips: from now on the drive reports another position."""
         self._zero_deg += degrees(by_rad)
@@ -127,6 +138,9 @@ class CubemarsServoTwin:
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
         """The torque on the shaft until the next step."""
+        if self._restarts:
+            self._restarts, told_deg = False, self._zero_deg + self._settings.direction * degrees(shaft.angle_rad)
+            self._zero_deg += remainder(told_deg, 360.0 / self._settings.gear_ratio) - told_deg
         if self._origin_wanted:
             self._origin_wanted, self._zero_deg = False, -self._settings.direction * degrees(shaft.angle_rad)
         if self._goal_rad is not None and self._starts_pacing:
@@ -137,6 +151,7 @@ class CubemarsServoTwin:
     def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
         """Takes in a step of the plant under `law` that ended at `now_s`, and reports what became due in it."""
         self._loop.passed(self._wanted, elapsed_s, before, after)
+        self.warmth.passed(elapsed_s, after.torque_Nm)
         if self._goal_rad is not None:
             way_rad, most_rad = self._goal_rad - self._wanted.angle_rad, self._pace_rad_s * elapsed_s
             self._wanted.angle_rad += min(max(way_rad, -most_rad), most_rad)
@@ -145,14 +160,15 @@ class CubemarsServoTwin:
             self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
 
     def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
-        count = floor((self._zero_deg + self._settings.direction * degrees(angle_rad)) / cubemars_servo.STATUS_DEG)
+        told_deg, speed_rad_s = self.encoder.told(self._zero_deg + self._settings.direction * degrees(angle_rad), speed_rad_s)
+        count = floor(told_deg / cubemars_servo.STATUS_DEG)
         held = min(max(count, -MOST_COUNT), MOST_COUNT)
         wrapped = (count + cubemars_servo.STATUS_COUNTS // 2) % cubemars_servo.STATUS_COUNTS - cubemars_servo.STATUS_COUNTS // 2
         status = Status(
             position_count=wrapped if self._settings.wraps else held,
             speed_erpm=speed_rad_s * self._erpm_s_per_rad,
             current_A=torque_Nm / self._torque_per_A,
-            temperature_degC=WARM_degC,
+            temperature_degC=min(round(self.warmth.told_degC), HOTTEST_degC),
             error=self._error,
         )
         frame = cubemars_servo.status(self._settings.drive_id, status)

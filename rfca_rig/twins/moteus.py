@@ -10,8 +10,10 @@ from rfca_rig.codecs import moteus
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.moteus import Read, Refusal, Reply, Route, Subframe, Write
 from rfca_rig.codecs.moteus_registers import Mode, Register
+from rfca_rig.twins.encoder import Encoder
 from rfca_rig.twins.moteus_loop import MoteusGains, MoteusLoop, PositionCommand, damping
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
+from rfca_rig.twins.warmth import Warming, Warmth
 
 UNKNOWN_REGISTER, NOT_WRITEABLE, NOT_ALLOWED = 1, 2, 3
 FACTS: dict[int, float] = {
@@ -47,6 +49,7 @@ class MoteusTwinSettings:
     temperature_degC: float = 30.0
     keeps_timeouts: bool = True
     arming_fault: int = 0
+    warming: Warming = field(default_factory=Warming)
 
 
 class MoteusTwin:
@@ -66,6 +69,8 @@ class MoteusTwin:
         self._command = self._in_force = PositionCommand()
         self._commanded_s = self._now_s = self._powered_s = 0.0
         self._started_s = 0.0
+        self.encoder = Encoder()
+        self.warmth = Warmth(settings.warming)
         self._answers: list[Callable[[ShaftState], None]] = []
 
     def take_frames(self, now_s: float) -> None:
@@ -190,6 +195,7 @@ class MoteusTwin:
 
     def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:  # noqa: ARG002
         """Takes in a step of the plant; a moteus reports nothing unasked."""
+        self.warmth.passed(elapsed_s, after.torque_Nm)
         if self._mode == Mode.POSITION:
             self._loop.passed(elapsed_s, before, after)
 
@@ -203,16 +209,17 @@ class MoteusTwin:
         ]
 
     def _values(self, mode: int, fault: int, shaft: ShaftState) -> dict[int, float]:
+        angle_rad, speed_rad_s = self.encoder.told(shaft.angle_rad, shaft.speed_rad_s)
         return {
             **FACTS,
             Register.MODE: mode,
-            Register.POSITION: self._settings.zero_turns + shaft.angle_rad / self._rad_per_turn,
-            Register.VELOCITY: shaft.speed_rad_s / self._rad_per_turn,
+            Register.POSITION: self._settings.zero_turns + angle_rad / self._rad_per_turn,
+            Register.VELOCITY: speed_rad_s / self._rad_per_turn,
             Register.TORQUE: shaft.torque_Nm / self._torque_ratio,
             Register.Q_CURRENT: nan,
             Register.D_CURRENT: nan,
             Register.POWER: shaft.torque_Nm * shaft.speed_rad_s,
-            Register.MOTOR_TEMPERATURE: nan,
+            Register.MOTOR_TEMPERATURE: self.warmth.told_degC,
             Register.TRAJECTORY_COMPLETE: 1,
             Register.HOME_STATE: 1,
             Register.VOLTAGE: self._settings.voltage_V,

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from rfca_rig.codecs import cansimple, odrive_meanings, odrive_messages, odrive_older_meanings
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.odrive_messages import AxisState, Command, ControlMode, Dialect, Heartbeat, Message, Part, PartError, Version
+from rfca_rig.twins.encoder import Encoder
 from rfca_rig.twins.motor import moments_between
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
 from rfca_rig.twins.speed_loop import LoopGains, SetPoint, SpeedLoop
 from rfca_rig.twins.ticks import Ticks
+from rfca_rig.twins.warmth import Warming, Warmth
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +30,8 @@ class OdriveTwinSettings:
     """How the drive is configured. `watchdog_s` None leaves it off, as an ODrive comes from the factory.
 
     `arming_error` is an error word that every attempt to close the loop ends in; 0 for a healthy drive. Firmware 0.5 reports the
-    motor's current, of which each ampere gives `torque_constant_Nm_per_A`, where 0.6 reports torque.
+    motor's current, of which each ampere gives `torque_constant_Nm_per_A`, where 0.6 reports torque. Only 0.6 reports temperatures;
+    `temperature_period_s` None for never.
     """
 
     node_id: int = 0
@@ -42,6 +45,8 @@ class OdriveTwinSettings:
     arming_error: int = 0
     dialect: Dialect = Dialect.V0_6
     torque_constant_Nm_per_A: float = 0.5
+    warming: Warming = field(default_factory=Warming)
+    temperature_period_s: float | None = 0.5
 
 
 class OdriveTwin:
@@ -63,6 +68,11 @@ class OdriveTwin:
         self._part_errors: dict[Part, int] = {}
         self._result = 0
         self._fed_s = 0.0
+        self._restarts = False
+        self._counted_from_rad = 0.0  # where the shaft stood when the encoder last counted from nothing
+        self.encoder = Encoder()
+        self.warmth = Warmth(settings.warming)
+        self._temperature_ticks = Ticks(settings.temperature_period_s or 1.0)
         self._encoder_ticks = Ticks(settings.encoder_period_s)
         self._heartbeat_ticks = Ticks(settings.heartbeat_period_s)
 
@@ -112,7 +122,7 @@ class OdriveTwin:
             case odrive_messages.SetControllerMode():
                 wanted.mode = order.control_mode
             case odrive_messages.SetInputPos():
-                wanted.angle_rad = (order.position_turns - self._settings.zero_turns) * rad
+                wanted.angle_rad = (order.position_turns - self._settings.zero_turns) * rad + self._counted_from_rad
                 wanted.speed_rad_s, wanted.torque_Nm = order.speed_turns_s * rad, order.torque_Nm * self._torque_ratio
             case odrive_messages.SetInputVel():
                 wanted.speed_rad_s, wanted.torque_Nm = order.speed_turns_s * rad, order.torque_Nm * self._torque_ratio
@@ -147,6 +157,12 @@ class OdriveTwin:
         self._error |= error
         self._state, self._result = AxisState.IDLE, DISARMED
 
+    def restart(self) -> None:
+        """Power off and on: idle without an error, and an incremental encoder that counts from nothing where it finds itself."""
+        self._state, self._error, self._result = AxisState.IDLE, 0, 0
+        self._part_errors.clear()
+        self._wanted, self._restarts = SetPoint(), True
+
     def fail_part(self, part: Part, error: int) -> None:
         """An error of one part, as firmware 0.5 has it: the axis' own error word may stay zero."""
         self._part_errors[part] = self._part_errors.get(part, 0) | error
@@ -159,17 +175,27 @@ class OdriveTwin:
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
         """The torque on the shaft until the next step."""
+        if self._restarts:
+            self._restarts, self._counted_from_rad = False, shaft.angle_rad + self._settings.zero_turns * self._rad_per_turn
         return self._loop.law(self._wanted, shaft) if self._state == AxisState.CLOSED_LOOP else ShaftDrive()
 
     def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
         """Takes in a step of the plant under `law` that ended at `now_s`, and reports what became due in it."""
         if self._state == AxisState.CLOSED_LOOP:
             self._loop.passed(self._wanted, elapsed_s, before, after)
+        self.warmth.passed(elapsed_s, after.torque_Nm)
         due_s = self._encoder_ticks.until(now_s).tolist()
         for angle_rad, speed_rad_s in moments_between(due_s, elapsed_s, now_s, before, after):
             self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
         for _ in self._heartbeat_ticks.until(now_s):
             self._send(cansimple.heartbeat(self._settings.node_id, self._beat(), self._settings.dialect))
+        self._report_temperature(now_s)
+
+    def _report_temperature(self, now_s: float) -> None:
+        settings = self._settings
+        if settings.temperature_period_s is not None and settings.dialect == Dialect.V0_6:
+            for _ in self._temperature_ticks.until(now_s):
+                self._send(cansimple.temperatures(settings.node_id, settings.warming.air_degC, self.warmth.told_degC))
 
     def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
         node, rad = self._settings.node_id, self._rad_per_turn
@@ -179,7 +205,8 @@ class OdriveTwin:
             self._send(cansimple.iq(node, current_A, current_A))
         else:
             self._send(cansimple.torques(node, torque_Nm, torque_Nm))
-        self._send(cansimple.encoder_estimates(node, self._settings.zero_turns + angle_rad / rad, speed_rad_s / rad))
+        told_rad, told_rad_s = self.encoder.told(angle_rad - self._counted_from_rad, speed_rad_s)
+        self._send(cansimple.encoder_estimates(node, self._settings.zero_turns + told_rad / rad, told_rad_s / rad))
 
     def _beat(self) -> Heartbeat:
         return Heartbeat(self._error, self._state, self._result, self._wanted.mode != ControlMode.POSITION, tuple(self._part_errors))

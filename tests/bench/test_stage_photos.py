@@ -33,8 +33,8 @@ def photographed(folder, disturbance=None, plan=EYE.plan, angles=ANGLES, **chang
     return replace(stage, **changes)
 
 
-def read(stage, folder, eye=EYE, lost=None):
-    (seen,) = read_stage_photos([stage], folder, eye, lost or {})
+def read(stage, folder, eye=EYE):
+    (seen,) = read_stage_photos([stage], folder, eye)
     assert (seen.fy_N, seen.fz_N, seen.tx_Nm, seen.shaft_angle_rad) == (stage.fy_N, stage.fz_N, stage.tx_Nm, stage.shaft_angle_rad)
     return seen
 
@@ -101,7 +101,7 @@ def test_a_shaft_that_has_turned_once_more_is_the_same_shaft(tmp_path):
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda path: path.unlink(), "cannot be read"),
+        (lambda path: path.unlink(), "did not reach the disk"),
         (lambda path: path.write_bytes(path.read_bytes()[:5000]), "cut short"),
         (
             lambda path: cv2.imwrite(str(path), np.zeros((600, 800, 3), np.uint8)),
@@ -119,8 +119,11 @@ def test_a_photo_that_shows_nothing_says_why(tmp_path, spoil, said):
 
 
 def test_a_photo_that_never_reached_the_disk_is_none(tmp_path):
-    seen = read(photographed(tmp_path), tmp_path, lost={"photos/001.png": "no space left"})
-    assert (seen.photo, seen.overlay, seen.photo_doubts) == ("", "", "the photo was lost: no space left")
+    stage = photographed(tmp_path)
+    (tmp_path / stage.photo).unlink()
+    seen = read(stage, tmp_path)
+    assert (seen.photo, seen.overlay) == ("", "")
+    assert seen.photo_doubts == "the photo was lost: photos/001.png did not reach the disk"
 
 
 def test_a_stage_without_a_photo_stays_as_it_is(tmp_path):

@@ -1,11 +1,13 @@
 """A run's files as a user meets them: recovered after a crash, checked, kept when the disk is full, and where they come from."""
 
+import getpass
 import hashlib
 import json
 import shutil
 import subprocess
 import sys
 import time
+from datetime import datetime
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -75,9 +77,35 @@ def test_a_run_says_where_it_comes_from(here, monkeypatch, capsys):
     assert json.loads(known["limits"])["force_N"] == 300.0
     assert float(known["worst_loop_gap_ms"]) == pytest.approx(10.0, abs=0.1)
     events = [json.loads(line) for line in known["events"].splitlines()]
-    assert [event["event"] for event in events] == ["run begins", "stage begins", "stage recorded", "motor off", "run ends"]
-    for name in ("numpy_version", "hdf5_version", "host", "started_at", "ended_at", "sensor_records"):
+    told = ["run begins", "tare", "stage begins", "stage recorded", "motor off", "run ends"]
+    assert [event["event"] for event in events if event["event"] != "first stroke"] == told
+    for name in ("numpy_version", "hdf5_version", "host", "started_at", "ended_at", "sensor_records", "git_revision", "git_dirty"):
         assert known[name]
+    assert (known["operator"], known["sample"]) == (getpass.getuser(), "")
+    assert (known["exit_status"], known["reason"]) == ("0", "done")
+    by_name = {event["event"]: event for event in events}
+    assert known["ended_in_stage"] == f"after {by_name['stage begins']['stage']}"
+    assert known["recorder_samples"] == f"{sum(by_name['stage recorded']['samples'].values())} handed over, 0 refused"
+    clocks = [(event["t_s"], datetime.fromisoformat(event["utc"])) for event in events if "utc" in event]
+    assert len(clocks) >= 3
+    assert all(moment.tzinfo for _, moment in clocks)
+
+
+def test_who_was_at_the_rig_and_with_which_specimen_is_as_was_said(here, monkeypatch, capsys):
+    words = ("--height", 215, "--speed", 3.249, "--repeats", 1, "--operator", "M. Kölle", "--sample", "leg 7")
+    typed(monkeypatch, capsys, "dynamic", "run", *words)
+    (run,) = (here / "runs").iterdir()
+    known = read_recording(run / "run.h5").provenance
+    assert (known["operator"], known["sample"]) == ("M. Kölle", "leg 7")
+
+
+def test_a_simulated_run_is_the_same_in_every_byte_of_every_file(here, monkeypatch, capsys):
+    for _ in range(2):
+        typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 2, "--seed", 7)
+    one, other = sorted((here / "runs").iterdir())
+    names = [sorted(file.relative_to(run).as_posix() for file in run.rglob("*") if file.is_file()) for run in (one, other)]
+    assert names[0] == names[1]
+    assert [name for name in names[0] if (one / name).read_bytes() != (other / name).read_bytes()] == []
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no signal that cannot be caught")

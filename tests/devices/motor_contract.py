@@ -40,6 +40,26 @@ class Failing(can.BusABC):
         raise can.CanOperationError("no such device")
 
 
+class FullFor(can.BusABC):
+    """A bus whose transmit queue is full for the first few frames."""
+
+    channel_info = "full"
+
+    def __init__(self, frames: int) -> None:
+        super().__init__(channel="full")
+        self._left = frames
+        self.sent: list[can.Message] = []
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002
+        self._left -= 1
+        if self._left >= 0:
+            raise can.CanOperationError("transmit buffer full")
+        self.sent.append(msg)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:  # noqa: ARG002
+        return None, False
+
+
 class MotorContract:
     """Inherit, and fill in what raises NotImplementedError; the tolerances are one count of the wire and what the drive's loop leaves."""
 
@@ -48,6 +68,7 @@ class MotorContract:
     TORQUE_TOLERANCE_Nm = 0.05
     ENABLING_TORQUE_Nm = 0.05  # a loop that is stiff in the angle turns one count into torque
     FOLLOWING_TOLERANCE_RAD = 0.02  # behind a target that moves at 2 rad/s
+    TELLS_TEMPERATURE = True
 
     def driver(self, bus: can.BusABC, clock: Clock) -> ShaftMotor:
         raise NotImplementedError
@@ -113,6 +134,8 @@ class MotorContract:
             rig.motor.enable()
             rig.run(0.5, angle_rad=-0.2)
             rig.motor.disable()
+            rig.rotor.speed_rad_s = 2.2  # a hand turns it
+            rig.run(0.5)
             rig.rotor.angle_rad, rig.rotor.speed_rad_s = 0.9, 0.0
             rig.run(0.05)
             rig.motor.enable()
@@ -284,12 +307,80 @@ class MotorContract:
             rig.tick()
             assert rig.rotor.drives[-1][1].torque_Nm(1.0, 1.0) == 0.0
 
+    def test_the_temperature_is_told_where_the_drive_tells_it(self) -> None:
+        with self.rig() as rig:
+            rig.motor.enable()
+            rig.run(0.6, angle_rad=0.3)
+            told_C = rig.motor.status().temperature_C
+            assert told_C == pytest.approx(30.5, abs=1.0) if self.TELLS_TEMPERATURE else told_C is None
+
+    def test_a_motor_that_warms_up_is_told(self) -> None:
+        with self.rig() as rig:
+            rig.motor.enable()
+            rig.twin.warmth.fever_K_s = 20.0
+            rig.run(2.0, angle_rad=0.3)
+            told_C = rig.motor.status().temperature_C
+            assert told_C is None or told_C == pytest.approx(70.0, abs=12.0)
+
+    def test_what_dammed_up_while_nobody_looked_and_has_holes_is_neither_a_leap_nor_handed_out(self) -> None:
+        """A full buffer of the system drops frames while a hand turns the shaft, as at every change of the rack's height."""
+        with self.rig() as rig:
+            rig.motor.enable()
+            rig.run(0.2, angle_rad=0.3)
+            rig.motor.disable()
+            rig.rotor.speed_rad_s = 2.0
+            rig.clock.wait_until(rig.clock.now_s() + 1.0)
+            rig.rotor.speed_rad_s = 0.0
+            rig.clock.wait_until(rig.clock.now_s() + 0.1)
+            arrived = rig.wire._arrived
+            kept = [*list(arrived)[:50], *list(arrived)[-10:]]
+            arrived.clear()
+            arrived.extend(kept)
+            rig.motor.enable()
+            shaft = rig.run(0.2, angle_rad=2.3)
+            assert rig.motor.status().fault is None
+            assert np.abs(np.diff(shaft.angle_rad)).max() < 0.1
+
+    def test_a_drive_that_restarts_in_motion_is_a_fault_and_not_enabled_again_as_its_zero_is_lost(self) -> None:
+        with self.rig() as rig:
+            rig.motor.enable()
+            rig.run(0.5, speed_rad_s=3.0)
+            rig.twin.restart()
+            rig.run(0.2, speed_rad_s=3.0)
+            assert re.search("leapt|restarted", rig.motor.status().fault or "")
+            assert rig.rotor.drives[-1][1].torque_Nm(1.0, 1.0) == 0.0 or not rig.motor.disable()
+            with pytest.raises(DeviceError, match=r"not enabled: .*find its zero again, then start anew"):
+                rig.motor.enable()
+
     # -- the bus -------------------------------------------------------------------------------------------------------------
 
     @pytest.mark.parametrize("act", ["enable", "disable"])
     def test_a_frame_that_cannot_be_sent_is_an_error(self, act: str) -> None:
         with Failing() as bus, pytest.raises(DeviceError, match="not sent: transmit buffer full"):
             getattr(self.driver(bus, TwinClock()), act)()
+
+    def test_disabling_tries_again_while_the_transmit_queue_is_full(self) -> None:
+        clock = TwinClock()
+        with FullFor(5) as bus:
+            self.driver(bus, clock).disable()
+            assert bus.sent
+            assert clock.now_s() < 0.02
+
+    def test_disabling_gives_up_after_20_ms(self) -> None:
+        clock = TwinClock()
+        with Failing() as bus, pytest.raises(DeviceError, match="not sent"):
+            self.driver(bus, clock).disable()
+        assert clock.now_s() <= 0.02
+
+    def test_a_controller_that_counts_errors_is_a_fault_until_it_is_well_again(self) -> None:
+        with self.rig() as rig:
+            rig.motor.enable()
+            rig.run(0.1, angle_rad=0.3)
+            for data, passive in (([0, 0x20, 0, 0, 0, 0, 136, 0], True), ([0, 0x40, 0, 0, 0, 0, 90, 0], False)):
+                rig.onlooker.send(can.Message(arbitration_id=0x204, data=data, is_error_frame=True, is_extended_id=False))
+                rig.run(0.01, angle_rad=0.3)
+                assert bool(re.search("error-passive, .* counters 136 and 0", rig.motor.status().fault or "")) == passive
+            assert rig.motor.identity()["can_error_frames"] == "2"
 
     def test_a_failing_bus_is_an_error_when_reading(self) -> None:
         with Failing() as bus, pytest.raises(DeviceError, match="no such device"):

@@ -40,7 +40,7 @@ def test_a_step_is_a_leap_where_no_motion_can_make_it(step: int, leapt: bool) ->
     assert (position.fault is not None) == leapt
 
 
-def test_after_a_pause_any_step_may_be_motion_and_forgiving_begins_anew() -> None:
+def test_after_a_pause_any_step_may_be_motion_and_a_leap_is_never_forgiven() -> None:
     position = follower()
     position.follow(30000, 0.0, 0.0)
     position.follow(50000, 1.0, 0.0)
@@ -49,6 +49,15 @@ def test_after_a_pause_any_step_may_be_motion_and_forgiving_begins_anew() -> Non
     assert position.fault is not None
     position.forgive()
     assert position.follow(50000, 1.004, 0.0) == 50000
+    assert position.fault is not None
+
+
+def test_having_stood_at_the_end_of_the_range_is_forgiven() -> None:
+    position = follower()
+    for at in range(100):
+        position.follow(0, 2e-3 * at, 1.0)
+    assert position.fault is not None
+    position.forgive()
     assert position.fault is None
 
 

@@ -2,14 +2,15 @@
 
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.blocks import Begin, Condition, End, event_block, samples_block, start_block
-from rfca_rig.recording.form import RawStage, Recording, Stroke
-from rfca_rig.recording.journal import Block
+from rfca_rig.recording.form import RawStage, Recording, StaticStage, Stroke
+from rfca_rig.recording.journal import Block, Kind
 from rfca_rig.recording.keeper import DirectKeeper, Keeper
 from rfca_rig.recording.rows import ColumnForm, Rows, Start, StreamForm, stream_of
 from tests.recording.samples import WRENCH, recording, stage
@@ -61,9 +62,28 @@ def stroke_blocks(repeat: int) -> Iterator[Block]:
     yield End(stroke=Condition(SPEED, repeat)).block()
 
 
+def static_stage(number: int) -> StaticStage:
+    """Every second one has a photo, every fourth none; each is the next of its run."""
+    return replace(stage(number), photo=f"photos/{number // 4 + 1:03d}.png" if number % 4 == 2 else "")
+
+
+def picture(number: int) -> np.ndarray:
+    """What the photo of a static stage shows."""
+    return np.random.default_rng(number).integers(0, 255, (20, 30, 3), dtype=np.uint8)
+
+
 def static_blocks(number: int) -> Iterator[Block]:
     yield from begun(number)
-    yield End(static=stage(number)).block()
+    yield End(static=static_stage(number)).block()
+
+
+def hand_over(keeper: Keeper, number: int, blocks: Sequence[Block]) -> Iterator[Block]:
+    """The blocks of stage `number` of a run, each yielded once it is handed over; the photo before the end, as the rig does."""
+    for block in blocks:
+        if block.kind is Kind.END and number % 4 == 2:
+            assert keeper.keep_photo(picture(number)) == static_stage(number).photo
+        keeper.give(block)
+        yield block
 
 
 def run_blocks(count: int) -> list[Sequence[Block]]:
@@ -75,7 +95,9 @@ def expected(count: int) -> Recording:
     """What the first so many stages of `run_blocks` should become."""
     odd, even = range(1, count + 1, 2), range(2, count + 1, 2)
     raw = tuple(RawStage(f"stage {number}", 0.215, streams(number)) for number in even)
-    return Recording("Flügel 1", "SIM", {}, {}, tuple(stroke(number) for number in odd), tuple(stage(number) for number in even), {}, raw)
+    return Recording(
+        "Flügel 1", "SIM", {}, {}, tuple(stroke(number) for number in odd), tuple(static_stage(number) for number in even), {}, raw
+    )
 
 
 def header() -> Recording:
@@ -86,10 +108,15 @@ def grown(folder: Path, count: int) -> DirectKeeper:
     """A run with so many stages, still open."""
     run_folder.create(folder, header())
     keeper = DirectKeeper(folder)
-    for blocks in run_blocks(count):
-        for block in blocks:
-            keeper.give(block)
+    for number, blocks in enumerate(run_blocks(count), start=1):
+        exhaust(hand_over(keeper, number, blocks))
     return keeper
+
+
+def exhaust(blocks: Iterator[Block]) -> None:
+    """All of them handed over."""
+    for _ in blocks:
+        pass
 
 
 def wait_until_acknowledged(keeper: Keeper, count: int) -> None:

@@ -21,8 +21,6 @@ FILES = ["run.json", "events.jsonl", "stages/0001.h5", "stages/0002.h5", "end.js
 def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole") / "run"
     grown(folder, 2).finish("done")
-    (folder / "photos").mkdir()
-    (folder / "photos" / "001.png").write_bytes(b"a picture")
     write_ending(folder, Ending({"ended": "done"}))
     run_folder.build(folder)
     return folder

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -21,7 +22,19 @@ from rfca_rig.recording.run_text import Ending, write_ending
 from rfca_rig.recording.store import read_recording
 from tests.engine.rigs import nothing, one_condition, recorder_on, twin_rig
 from tests.recording.dying import STAGE, TICK, Promised, calls_of, killed_at
-from tests.recording.growing import PER_TICK, TICKS, begun, expected, grown, header, run_blocks
+from tests.recording.growing import (
+    PER_TICK,
+    TICKS,
+    begun,
+    expected,
+    grown,
+    hand_over,
+    header,
+    picture,
+    run_blocks,
+    static_stage,
+    stroke_blocks,
+)
 from tests.recording.same import assert_same
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="a child is made by fork")
@@ -36,8 +49,7 @@ def whole_run(folder: Path, first: Recording, stages: Sequence[Sequence[Block]])
         run_folder.create(folder, first)
         keeper = DirectKeeper(folder)
         for number, blocks in enumerate(stages, start=1):
-            for block in blocks:
-                keeper.give(block)
+            for block in hand_over(keeper, number, blocks):
                 if block.kind is Kind.SAMPLES:
                     tell(TICK)
             assert keeper.acknowledged == number
@@ -69,6 +81,8 @@ def survives(folder: Path, call: int) -> int:
     if not run_folder.is_run(folder):
         assert promised == Promised(0, 0)
         return 0
+    for number in range(2, safe + 1, 4):
+        assert np.array_equal(cv2.imread(str(folder / static_stage(number).photo)), picture(number)), "the photo of an acknowledged stage"
     before = run_folder.read_stages(folder)
     assert len(before.strokes) + len(before.static) >= safe, "readable even before anything is recovered"
     found = recovered(folder)
@@ -94,8 +108,10 @@ def test_a_run_killed_at_any_of_twenty_writes_loses_no_acknowledged_stage(tmp_pa
 
 
 @pytest.mark.exam
+@pytest.mark.timeout(7200)
 def test_a_run_killed_at_every_write_loses_no_acknowledged_stage(tmp_path: Path):
     calls = calls_of(whole_run(tmp_path / "calls", header(), run_blocks(STAGES)))
+    assert calls > 200
     for call in range(1, calls + 1):
         survives(tmp_path / str(call), call)
         shutil.rmtree(tmp_path / str(call), ignore_errors=True)
@@ -214,3 +230,21 @@ def test_a_journal_of_nonsense_in_whole_blocks_is_one_line(tmp_path: Path):
     journal.write_bytes(framed(Block(Kind.BEGIN, b"{}")))
     with pytest.raises(BadInput, match=r"0003\.journal: is no journal of a stage"):
         recovered(tmp_path / "run")
+
+
+@pytest.mark.parametrize("steps", [0, 1, 3])
+def test_a_crash_while_the_file_of_one_stage_is_made_and_the_next_goes_on_costs_neither(tmp_path: Path, steps: int):
+    """As on a real rig, whose next stage does not wait."""
+    keeper = grown(tmp_path / "run", 2)
+    writer, whole = keeper._writer, list(stroke_blocks(3))
+    for number, block in enumerate([*whole, *begun(4)]):
+        writer.take(block)
+        writer.flush()
+        if number >= len(whole) and number < len(whole) + steps:
+            assert writer.work()
+    assert writer.acknowledged == 2
+    writer._events.close()  # as the death of its process does
+    assert len(journals(tmp_path / "run")) == 2
+    found = recovered(tmp_path / "run")
+    assert_same(replace(found, raw=found.raw[:1]), expected(3))
+    assert (found.raw[1].label, len(found.raw[1].streams["shaft"].t_s)) == ("stage 4", TICKS)

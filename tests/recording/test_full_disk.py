@@ -1,18 +1,26 @@
 """A disk that fills up: the run is told to stop, everything acknowledged stays, and what was under way is kept too."""
 
 import subprocess
+import sys
+import textwrap
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rfca_rig.errors import BadInput, DiskFull
 from rfca_rig.recording import ballast, run_folder
+from rfca_rig.recording.atomic import RoughFile
 from rfca_rig.recording.ballast import Ballast, check_room
+from rfca_rig.recording.blocks import event_block
 from rfca_rig.recording.keeper import DirectKeeper
 from rfca_rig.recording.layout import journals
 from rfca_rig.recording.process_keeper import ProcessKeeper
+from rfca_rig.recording.run_text import events_of
 from tests.recording.dying import FullDisk, instead
 from tests.recording.growing import begun, grown, header, run_blocks, stroke_blocks, wait_until_acknowledged
+
+ROOT = Path(__file__).parents[2]
 
 
 def told_to_stop(keeper: DirectKeeper, count: int = 10**6) -> int:
@@ -78,6 +86,54 @@ def test_no_room_for_the_ballast_is_no_beginning(tmp_path: Path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_hdf5_on_a_disk_that_fills_up_at_any_of_its_writes_is_one_line_and_takes_nothing_down(tmp_path: Path):
+    """In a process of its own, because HDF5 takes a process down only when it exits."""
+    program = f"""
+        from pathlib import Path
+        import numpy as np
+        from rfca_rig.errors import DiskFull
+        from rfca_rig.recording.store import read_recording, write_recording
+        from tests.recording.dying import FullDisk, instead
+        from tests.recording.samples import recording
+        folder = Path({str(tmp_path)!r})
+        whole = recording(2)
+        before = write_recording(whole, folder / "run.h5").read_bytes()
+        for room in np.linspace(0, len(before) - 1, 25, dtype=int):
+            with instead(FullDisk(folder, len(before) + int(room))):
+                try:
+                    write_recording(whole, folder / "run.h5")
+                except DiskFull as full:
+                    assert "No space left on device" in str(full), full
+                else:
+                    raise AssertionError(f"{{room}} bytes were room enough")
+            assert [file.name for file in folder.iterdir()] == ["run.h5"]
+            assert (folder / "run.h5").read_bytes() == before
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_what_a_full_disk_refuses_can_be_read_back_until_the_file_is_given_up(tmp_path: Path):
+    """HDF5 may want to see again what it believes to be written."""
+    file = RoughFile(tmp_path / "a.h5")
+    random, like = np.random.default_rng(4), bytearray()
+    with instead(FullDisk(tmp_path, 700)):
+        for _ in range(40):
+            at, piece = int(random.integers(0, 1000)), random.bytes(int(random.integers(1, 90)))
+            like.extend(bytes(max(0, at + len(piece) - len(like))))
+            like[at : at + len(piece)] = piece
+            file.seek(at)
+            file.write(memoryview(piece))
+            at, target = int(random.integers(0, len(like))), bytearray(50)
+            file.seek(at)
+            length = file.readinto(memoryview(target))
+            assert target[:length] == like[at : at + 50]
+        with pytest.raises(DiskFull, match="No space left on device"):
+            file.put_in_place()
+        file.discard()
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.fixture
 def small_disk(tmp_path: Path):
     """A file system of its own, where this system lets one mount it."""
@@ -107,8 +163,11 @@ def test_a_disk_filled_by_others_stops_the_run_and_the_recorder_ends_in_good_ord
     with pytest.raises(DiskFull, match="stopped: disk full"):
         for block in begun(2, ticks=10**5):
             keeper.give(block)
+    with pytest.raises(DiskFull, match="stopped: disk full"):
+        keeper.give(event_block({"event": "motor off"}))
     safe = keeper.acknowledged
     keeper.finish("stopped: disk full")
+    assert [event["event"] for event in events_of(folder)][-3:] == ["motor off", "stage cut short", "run ends"], "said, and kept as well"
     assert keeper._process.returncode == 0
     found = run_folder.read_stages(folder)
     assert (safe, len(found.strokes)) == (1, 1)

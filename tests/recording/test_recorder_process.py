@@ -16,7 +16,7 @@ from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import framed
 from rfca_rig.recording.process_keeper import ProcessKeeper, can_be_started
 from rfca_rig.recording.run_lock import check_over
-from tests.recording.growing import PER_TICK, TICKS, begun, grown, header, run_blocks, wait_until_acknowledged
+from tests.recording.growing import PER_TICK, TICKS, begun, exhaust, grown, hand_over, header, run_blocks, wait_until_acknowledged
 
 pytestmark = pytest.mark.skipif(not can_be_started(), reason="no process can be started to record")
 ROOT = Path(__file__).parents[2]
@@ -30,15 +30,19 @@ def keeper(tmp_path: Path):
     keeper._let_go() if not keeper._child.closed else None
 
 
-def test_it_writes_the_bytes_that_would_be_written_without_it(tmp_path: Path, keeper: ProcessKeeper):
-    for blocks in run_blocks(2):
-        for block in blocks:
-            keeper.give(block)
+@pytest.mark.parametrize("patient", [True, False])
+def test_it_writes_the_bytes_that_would_be_written_without_it(tmp_path: Path, patient: bool):
+    run_folder.create(tmp_path / "run", header())
+    keeper = ProcessKeeper(tmp_path / "run", patient)
+    for number, blocks in enumerate(run_blocks(2), start=1):
+        exhaust(hand_over(keeper, number, blocks))
     keeper.finish("done")
     assert keeper.acknowledged == 2
     grown(tmp_path / "same", 2).finish("done")
     files = [file.relative_to(tmp_path / "run") for file in (tmp_path / "run").rglob("*") if file.is_file()]
-    assert len(files) == 4
+    assert len(files) == 5
+    if not patient:
+        files.remove(Path("events.jsonl"))  # in which the next stage may begin before the file of the last is there
     assert {file: (tmp_path / "run" / file).read_bytes() for file in files} == {
         file: (tmp_path / "same" / file).read_bytes() for file in files
     }

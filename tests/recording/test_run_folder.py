@@ -66,13 +66,13 @@ def test_sha256sum_finds_everything_in_order(tmp_path: Path):
     (tmp_path / "run" / "stages" / "0001.h5").write_bytes(b"damaged")
     lines = (tmp_path / "run" / "SHA256SUMS").read_text().splitlines()
     assert [line.split("  ")[1] for line in lines] == [
-        *("end.json", "events.jsonl", "run.h5", "run.json"),
+        *("end.json", "events.jsonl", "photos/001.png", "run.h5", "run.json"),
         *(f"stages/000{number}.h5" for number in (1, 2, 3, 4)),
     ]
     checker = shutil.which("sha256sum")
     if checker:
         told = subprocess.run([checker, "-c", "SHA256SUMS"], cwd=tmp_path / "run", capture_output=True, text=True, check=False).stdout
-        assert [line.endswith(": OK") for line in told.splitlines()] == [True, True, True, True, False, True, True, True]
+        assert [line.endswith(": OK") for line in told.splitlines()] == [True, True, True, True, True, False, True, True, True]
 
 
 def test_events_say_what_reached_the_disk(tmp_path: Path):

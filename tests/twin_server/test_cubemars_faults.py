@@ -32,11 +32,16 @@ SAID = {
     "bus-off": r"^no (reply|status)",
     "can-short": r"^raises: .* 7 bytes|^replies lost their bytes for temperature and error",
     "own-frame-echo": r"^nothing$",
+    "can-twice": r"^nothing$|^the speed that the drive reports is 2 times that of its angle",  # in MIT mode each belongs to a question
     "encoder-jump": r"^position leapt by .* its encoder slipped",
     "over-temperature": r"^error 1 \(motor too hot",
     "encoder-lost": r"^error 5 \(encoder fault",
     "stalled": r"^error 7 \(motor stalled",
     "refuses": r"^nothing$|^error 1 \(motor too hot",  # in MIT mode not while the drive is enabled
+    "drive-restart": r"^position leapt by",
+    "drive-hot": r"^nothing$",
+    "temperature-stuck": r"^nothing$",
+    "encoder-frozen": r"^the speed that the drive reports|^nothing$",
 }
 
 

@@ -32,15 +32,20 @@ MOTEUS = {
     "bus-off": r"^no answer for 0\.\d+ s",
     "can-short": r"^raises: moteus frame ends .* bytes too early",
     "own-frame-echo": r"^nothing$",
-    "encoder-jump": r"^angle jumps by 6\.2[89] rad$",
+    "can-twice": r"^nothing$",  # the second of two answers to one question is none
+    "encoder-jump": r"^position leapt by 6\.2[89] rad",
     "watchdog-trip": r"^mode 11 \(timeout",
     "over-temperature": r"^fault 38 \(over temperature",
-    "drive-restart": r"^left position mode for stopped without a fault; was it .* restarted\?",
+    "drive-restart": r"^the drive restarted, its millisecond counter began anew",
+    "drive-hot": r"^nothing$",
+    "temperature-stuck": r"^nothing$",
+    "encoder-frozen": r"^nothing$",
 }
 OLDER_ODRIVE = {
     "can-short": r"^raises: .* has 7 bytes, expected 8; does the drive speak CANSimple 0\.5",
     "heartbeat-silent": r"^no heartbeat for",
-    "encoder-jump": r"^angle jumps by 6\.2[89] rad$",
+    "encoder-jump": r"^position leapt by 6\.2[89] rad",
+    "drive-restart": r"^position leapt by -\d\.\d\d rad",
     "watchdog-trip": r"^error 0x00000800 \(WATCHDOG_TIMER_EXPIRED",
     "over-temperature": r"^error 0x00040000 \(OVER_TEMP",
     "idle-unasked": r"^left closed loop",

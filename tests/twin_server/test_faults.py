@@ -16,6 +16,7 @@ EXPECTED = {
     "force-short": r"malformed.*1431 bytes",
     "force-long": r"malformed.*1441 bytes",
     "force-silent": r"^no record for 1\.0",
+    "force-stuck": rf"^{NOTHING}$",  # the engine's watch on frozen values stops that
     "force-frozen": r"^the sensor's own sample counter stood still",
     "force-saturated": r"transducer saturation",
     "force-scale": r"^at the next start: .*2e\+06",
@@ -27,11 +28,16 @@ EXPECTED = {
     "bus-off": r"^motor: no heartbeat for 1\.",
     "can-short": r"^raises: .* has 7 bytes, expected 8",
     "own-frame-echo": rf"^{NOTHING}$",  # and nothing is the right answer to it
+    "can-twice": r"^motor: its reports come \d+ times a second where 1000 are set",
     "heartbeat-silent": r"^motor: no heartbeat for 1\.",
-    "encoder-jump": r"^angle jumps by 6\.28 rad$",  # the engine's limit on the following error stops that
+    "encoder-jump": r"^motor: position leapt by 6\.28 rad.*; angle jumps by 6\.28 rad$",
     "watchdog-trip": r"^motor: .*WATCHDOG_TIMER_EXPIRED",
     "over-temperature": r"^motor: .*MOTOR_OVER_TEMP",
     "idle-unasked": r"^motor: left closed loop",
+    "drive-restart": r"^motor: position leapt by -\d\.\d\d rad",
+    "drive-hot": rf"^{NOTHING}$",  # the engine's limit on the temperature stops that
+    "temperature-stuck": rf"^{NOTHING}$",
+    "encoder-frozen": rf"^{NOTHING}$",  # the engine's limit on the following error stops that
 }
 
 

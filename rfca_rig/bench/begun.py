@@ -1,0 +1,113 @@
+"""A run that was begun and is over, as it stands on disk: its plan, what of it is done, why and when it stopped."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rfca_rig.errors import BadInput
+from rfca_rig.protocol.plan import Plan
+from rfca_rig.protocol.remaining import Done
+from rfca_rig.protocol.written_plan import plan_of
+from rfca_rig.recording import run_folder
+from rfca_rig.recording.cycle_table import cycle_table
+from rfca_rig.recording.form import Recording, StaticStage
+from rfca_rig.recording.run_text import events_of, read_ending, read_header
+
+RESUMED = "run resumed"
+TRIP = "TRIP "
+ENDING_KEPT = ("ended", "exit_status", "reason", "ended_at", "lasted_s", "worst_loop_gap_ms", "sensor_records", "standstill", "interrupted")
+WITHOUT_A_WORD = "it ended without a word: a crash, or a power cut"
+
+
+@dataclass(frozen=True)
+class Begun:
+    """`header` is what it began with, `plan` the whole plan, `static` the stages so far with what their photos showed.
+
+    `why` it stopped last; `last_seen` are both clocks at its last word that tells them; `ending` is what its end said of it, `resumed` how
+    often it went on before.
+    """
+
+    folder: Path
+    header: Recording
+    plan: Plan
+    done: Done
+    static: tuple[StaticStage, ...]
+    why: str
+    last_seen: Mapping[str, str | float]
+    ending: Mapping[str, str]
+    resumed: int
+
+    @property
+    def has_tripped(self) -> bool:
+        return self.why.startswith(TRIP)
+
+    def seed(self) -> int | None:
+        """For a twin's randomness when it goes on: from the seed it began with and how often it was resumed; None on a real rig."""
+        first = self.header.provenance.get("seed")
+        return None if first is None else int(np.random.SeedSequence([int(first), self.resumed + 1]).generate_state(1)[0])
+
+
+def read_begun(folder: Path) -> Begun:
+    """What is there of the run; its journals are made into stage files first, as `recover` does.
+
+    Raises BadInput where there is no run, where it still goes on or is done, where a file is damaged, or where its stages are not
+    those of its plan.
+    """
+    if not run_folder.is_run(folder):
+        raise BadInput(f"{folder}: holds no run that could go on")
+    header = read_header(folder)
+    run_folder.close_journals(folder)
+    events, found = events_of(folder), run_folder.read_stages(folder)
+    why = _why(events)
+    if why == "done":
+        raise BadInput(f"{folder}: is done; there is nothing left to resume")
+    plan = _plan(folder, header)
+    _check_stages(folder, plan, found)
+    return Begun(
+        folder=folder,
+        header=header,
+        plan=plan,
+        done=Done(len(found.strokes), len(found.static), int(cycle_table(found).numbers.max(initial=0))),
+        static=found.static,
+        why=why,
+        last_seen=_last_clocks(events),
+        ending=_ending(folder),
+        resumed=sum(event["event"] == RESUMED for event in events),
+    )
+
+
+def _plan(folder: Path, header: Recording) -> Plan:
+    try:
+        return plan_of(header.title, header.provenance)
+    except BadInput as error:
+        raise BadInput(f"{folder}: cannot go on: {error}") from None
+
+
+def _why(events: list[dict[str, Any]]) -> str:
+    """What the events say of the end since the run began, or last went on; a trip before anything else that ended it."""
+    since = next((place for place in reversed(range(len(events))) if events[place]["event"] == RESUMED), 0)
+    said = [str(event["why"]) for event in events[since:] if event["event"] in ("motor off", "run ends") and "why" in event]
+    tripped = [why for why in said if why.startswith(TRIP)]
+    return (tripped or said or [WITHOUT_A_WORD])[-1]
+
+
+def _ending(folder: Path) -> dict[str, str]:
+    """What the end said of the part before, photos aside, which are said again."""
+    ending = read_ending(folder)
+    return {} if ending is None else {name: text for name, text in ending.provenance.items() if name in ENDING_KEPT}
+
+
+def _last_clocks(events: list[dict[str, Any]]) -> dict[str, str | float]:
+    last: dict[str, Any] = next((event for event in reversed(events) if "utc" in event), {})
+    return {name: last[name] for name in ("t_s", "utc") if name in last}
+
+
+def _check_stages(folder: Path, plan: Plan, found: Recording) -> None:
+    strokes = [(stroke.height_m, stroke.speed_rad_s, stroke.repeat) for stroke in found.strokes]
+    static = [(stage.height_m, stage.stage) for stage in found.static]
+    planned = [(flap.height_m, flap.speed_rad_s, flap.repeat) for flap in plan.flaps][: len(strokes)]
+    if strokes != planned or static != [(hold.height_m, hold.number) for hold in plan.holds][: len(static)]:
+        raise BadInput(f"{folder}: its stage files are not what its plan begins with; type rfca-rig check {folder}")

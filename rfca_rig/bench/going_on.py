@@ -1,0 +1,47 @@
+"""How a run that was stopped goes on in its own folder, and how what it recorded before and after comes together."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from rfca_rig.bench.begun import RESUMED, Begun
+from rfca_rig.bench.stage_photos import photo_hashes, read_stage_photos
+from rfca_rig.clock import Clock
+from rfca_rig.recording import run_folder
+from rfca_rig.recording.form import StaticStage
+from rfca_rig.recording.run_text import Ending, events_of
+from rfca_rig.vision.leg_photo import Eye
+
+
+def go_on(begun: Begun, clock: Clock, seed: int | None, rig_changes: Mapping[str, str]) -> None:
+    """Opens the run's folder again, and says in its events when and why it had stopped, and what is not as it was."""
+    event = {
+        "event": RESUMED,
+        "t_s": round(clock.now_s(), 6),
+        "utc": clock.wall_time().isoformat(),
+        "stopped": begun.why,
+        "stopped_at": dict(begun.last_seen),
+        "done": {"strokes": begun.done.strokes, "static_stages": begun.done.holds, "last_cycle": begun.done.cycle},
+        "ending": dict(begun.ending),
+        **({} if seed is None else {"seed": seed}),
+        **({"rig_changes": dict(rig_changes)} if rig_changes else {}),
+    }
+    run_folder.reopen(begun.folder, event)
+
+
+def ending_of(folder: Path, known: Mapping[str, str], stages: Sequence[StaticStage], begun: Begun | None, eye: Eye | None) -> Ending:
+    """How the run ended, with the static stages of all its parts; photos of earlier parts that nobody read are read now."""
+    earlier = () if begun is None else tuple(_seen(stage, folder, eye) for stage in begun.static)
+    text = {} if begun is None else {"resumed": _resumed_text(folder)}
+    return Ending({**known, **text, **photo_hashes(folder)}, (*earlier, *stages))
+
+
+def _seen(stage: StaticStage, folder: Path, eye: Eye | None) -> StaticStage:
+    if eye is None or not stage.photo or stage.overlay:
+        return stage
+    return read_stage_photos([stage], folder, eye)[0]
+
+
+def _resumed_text(folder: Path) -> str:
+    """Each time that the run went on, as its events say, as JSON."""
+    return json.dumps([event for event in events_of(folder) if event["event"] == RESUMED], ensure_ascii=False)

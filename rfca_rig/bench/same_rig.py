@@ -1,0 +1,57 @@
+"""Whether the rig that a run goes on with is the one it began with; said key by key where it is not."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rfca_rig.bench.begun import Begun
+from rfca_rig.description.rig_file import RigFile, read_rig
+from rfca_rig.description.toml import model_of, read_text
+from rfca_rig.errors import BadInput
+
+BELIEVED = ("leg", "ground", "sensor", "drive", "effects", "known_to")
+FIXED = (*(f"{section}." for section in BELIEVED), "rig.kind")
+
+
+@dataclass(frozen=True)
+class RigNow:
+    """The rig file as it stands, and what in it is not as it was: the new value by key, as text."""
+
+    rig: RigFile
+    text: str
+    changes: Mapping[str, str] = field(default_factory=dict)
+
+
+def rig_to_go_on(begun: Begun, path: Path, deliberately: bool) -> RigNow:
+    """The rig file in `path`. Raises BadInput, naming the keys, where it differs from what the run began with and that is not meant.
+
+    What is believed of the leg and its surroundings may not change within a run, whoever means it: the recording has one belief.
+    """
+    now, text = read_rig(path), read_text(path)
+    before = model_of(begun.header.provenance["rig_file"], RigFile, begun.folder / "rig_file")
+    changes = _changes(before, model_of(text, RigFile, path))
+    fixed = [key for key in changes if key.startswith(FIXED)]
+    if fixed:
+        raise BadInput(f"{path}: {_named(fixed)} not as the run began with; one run has one belief, so begin a new one")
+    if changes and not deliberately:
+        raise BadInput(f"{path}: {_named(list(changes))} not as the run began with; to go on with it as it stands, say --rig {path}")
+    return RigNow(now, text, changes)
+
+
+def _named(keys: list[str]) -> str:
+    shown = ", ".join(keys[:4]) + (f" and {len(keys) - 4} more" if len(keys) > 4 else "")
+    return f"{shown} {'is' if len(keys) == 1 else 'are'}"
+
+
+def _changes(before: RigFile, now: RigFile) -> dict[str, str]:
+    was, stands = (dict(_flat(rig.model_dump(mode="json"), "")) for rig in (before, now))
+    return {key: str(stands.get(key, "gone")) for key in sorted({*was, *stands}) if was.get(key) != stands.get(key)}
+
+
+def _flat(values: Mapping[str, Any], above: str) -> list[tuple[str, Any]]:
+    found: list[tuple[str, Any]] = []
+    for key, value in values.items():
+        name = f"{above}{key}"
+        found += _flat(value, f"{name}.") if isinstance(value, dict) else [(name, value)]
+    return found

@@ -1,0 +1,164 @@
+"""rfca-rig fatigue"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rfca_rig.cli.options import Dry, Json, Model, Operator, Rig, Runs, Sample, Seed
+
+if TYPE_CHECKING:
+    from rfca_rig.analysis.stiffness_drift import Drift
+    from rfca_rig.bench.begun import Begun
+    from rfca_rig.bench.recorder import Recorder
+    from rfca_rig.cli.order import Order
+    from rfca_rig.cli.terminal import Say
+    from rfca_rig.protocol.cycles import StiffnessCheck
+    from rfca_rig.protocol.plan import Stage
+    from rfca_rig.recording.form import StaticStage
+
+app = typer.Typer(help="Fatigue: bend the leg again and again, and look now and then how stiff it still is.", no_args_is_help=True)
+
+
+@app.callback()
+def _group() -> None:
+    """Keeps `run` a command of its own."""
+
+
+@app.command()
+def run(
+    protocol: Annotated[
+        str, typer.Option("--protocol", metavar="NAME|FILE", help="The protocol: a name in protocols/, or a .toml file.")
+    ] = "fatigue",
+    cycles: Annotated[int | None, typer.Option("--cycles", min=1, metavar="N", help="Cycles, in place of the protocol's number.")] = None,
+    rig: Rig = "twin",
+    model: Model = None,
+    runs: Runs = Path("runs"),
+    seed: Seed = None,
+    operator: Operator = "",
+    sample: Sample = "",
+    dry_run: Dry = False,
+    as_json: Json = False,
+) -> None:
+    """Turn the shaft on and on, count every cycle on disk, check the stiffness now and then, and stop where it drifts too far.
+
+    A run that was stopped goes on with `rfca-rig resume RUN`. Example: rfca-rig fatigue run --cycles 1000
+    """
+    from rfca_rig.cli.order import Order
+    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.running import carry_out
+    from rfca_rig.description.model_file import read_model_file
+    from rfca_rig.description.protocol_file import FatigueFile, read_fatigue
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.description.toml import read_text
+    from rfca_rig.protocol.fatigue import fatigue_plan
+
+    rig_path, protocol_path = find_file("calibration", rig), find_file("protocols", protocol)
+    rig_file, asked = read_rig(rig_path), read_fatigue(protocol_path)
+    if cycles is not None:
+        asked = FatigueFile.model_validate({**asked.model_dump(), "cycles": cycles})
+    plan = fatigue_plan(asked.fatigue(), rig_file.facts())
+    supposed, model_text = (read_model_file(model), read_text(model)) if model else (None, "")
+    order = Order(
+        rig_file,
+        read_text(rig_path),
+        read_text(protocol_path),
+        plan,
+        seed,
+        runs,
+        as_json,
+        dry_run,
+        supposed,
+        model_text,
+        rig_name=rig,
+        operator=operator,
+        sample=sample,
+    )
+    say_bending(order)
+    folder, _ = carry_out(order, Watcher().say_stage)
+    if folder is not None:
+        close(order.mark, folder, as_json)
+
+
+def say_bending(order: "Order") -> None:
+    """What the model says of a cycle, before anything moves."""
+    from rfca_rig.bench.expected_turns import expected_bending
+    from rfca_rig.cli.terminal import marked
+    from rfca_rig.protocol.cycles import cycles_in
+
+    for height_m, speed_rad_s in sorted({(stage.height_m, stage.speed_rad_s) for stage in cycles_in(order.plan)}):
+        bending = expected_bending(order.believes.model(), height_m, speed_rad_s)
+        marked(order.mark, order.quiet)(f"a cycle at {1e3 * height_m:.1f} mm bends the leg by {bending.text()}, says the model")
+
+
+@dataclass(frozen=True)
+class Watcher:
+    """Says what becomes of a run, and ends it where the leg is worn. `begun` is there for one that goes on."""
+
+    begun: "Begun | None" = None
+
+    def say_stage(self, stage: "Stage", recorder: "Recorder", say: "Say") -> None:
+        from rfca_rig.cli.dynamic import say_valley
+        from rfca_rig.protocol.cycles import Cycles, StiffnessCheck
+        from rfca_rig.protocol.plan import Flap
+
+        match stage:
+            case Flap():
+                say_valley(stage, recorder, say)
+            case Cycles():
+                say(f"{recorder.cycles_done} cycles done")
+            case StiffnessCheck():
+                self._judge(stage, recorder, say)
+
+    def _judge(self, stage: "StiffnessCheck", recorder: "Recorder", say: "Say") -> None:
+        from rfca_rig.errors import WornOut
+
+        earlier: Sequence[StaticStage] = () if self.begun is None else self.begun.static
+        drift = _drift(stage, (*earlier, *recorder.stages))
+        if drift is None or stage.number == 1:
+            return
+        said = f"{stage.label}: the forces are {drift.text()} off those of the first"
+        if abs(drift.relative) > stage.drift_limit:
+            raise WornOut(f"{said}, limit {100.0 * stage.drift_limit:g} %; look at the leg before anything else")
+        say(said)
+
+
+def _drift(stage: "StiffnessCheck", stages: "Sequence[StaticStage]") -> "Drift | None":
+    from rfca_rig.analysis.stiffness_drift import stiffness_drift
+
+    return stiffness_drift(stages, stage.holds, stage.number)
+
+
+def close(mark: str, folder: Path, as_json: bool) -> None:
+    """The last lines: cycles done, how the stiffness drifted, and what to type next."""
+    import json
+
+    found = _results(folder)
+    if as_json:
+        typer.echo(json.dumps({"source": mark, "run": str(folder), **found}, indent=1))
+        return
+    last = found["checks"][-1] if found["checks"] else None
+    drift = "" if last is None else f", stiffness drift {last['drift_percent']:+.2f} +- {last['std_percent']:.2f} % since the first check"
+    typer.echo(f"{mark} {found['cycles']} of {found['planned']} cycles done in {folder}{drift}; next: rfca-rig check {folder}", err=True)
+
+
+def _results(folder: Path) -> dict[str, Any]:
+    """Cycles counted and planned, strokes among them, and the drift at each check after the first."""
+    from rfca_rig.protocol.cycles import StiffnessCheck, cycles_in
+    from rfca_rig.protocol.written_plan import plan_of
+    from rfca_rig.recording.cycle_table import cycle_table
+    from rfca_rig.recording.run_folder import read_stages
+
+    kept = read_stages(folder)
+    plan = plan_of(kept.title, kept.provenance)
+    checks = [stage for stage in plan.stages if isinstance(stage, StiffnessCheck) and stage.number > 1]
+    drifts = [(stage.number, drift) for stage in checks if (drift := _drift(stage, kept.static)) is not None]
+    return {
+        "cycles": len(cycle_table(kept).numbers) + len(kept.strokes),
+        "planned": sum(stage.count for stage in cycles_in(plan)) + len(plan.flaps),
+        "checks": [
+            {"check": number, "drift_percent": 100.0 * drift.relative, "std_percent": 100.0 * drift.std} for number, drift in drifts
+        ],
+    }

@@ -1,0 +1,129 @@
+"""What is left when the motor is off: the recording as a whole, also of a run that was cut short."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from rfca_rig.bench import provenance
+from rfca_rig.bench.going_on import ending_of, go_on
+from rfca_rig.bench.outcome import Outcome
+from rfca_rig.bench.recorder import Recorder
+from rfca_rig.cli.order import Order
+from rfca_rig.cli.terminal import Say, marked
+from rfca_rig.engine.bench import Bench
+from rfca_rig.errors import DiskFull, RigError
+from rfca_rig.recording import run_folder
+from rfca_rig.recording.cycle_table import CYCLES
+from rfca_rig.recording.form import Recording
+from rfca_rig.recording.keeper import Keeper
+from rfca_rig.recording.layout import RECORDING
+from rfca_rig.recording.run_text import write_ending
+from rfca_rig.recording.tally import tally_of
+
+
+def open_folder(order: Order, folder: Path, bench: Bench) -> None:
+    if order.begun is None:
+        run_folder.create(folder, _header(order, bench))
+    else:
+        go_on(order.begun, bench.clock, order.twin_seed, order.rig_changes)
+
+
+def note_end(recorder: Recorder, why: str) -> None:
+    """What ended the motion and what the shaft did then; a recorder that has failed has said so already."""
+    with suppress(RigError):
+        recorder.note(
+            "motor off",
+            why=why,
+            worst_loop_gap_ms=round(1e3 * recorder.worst_gap_s, 3),
+            standstill=recorder.standstill.text(),
+            tare_drift=recorder.tare_drift(),
+        )
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a run leaves behind when the motor is off."""
+
+    folder: Path
+    keeper: Keeper
+    recorder: Recorder
+    bench: Bench
+    outcome: Outcome
+
+
+def finish(order: Order, run: Kept) -> None:
+    """The recording as a whole, with what the photos show. Raises RigError with what to do where the disk has no room for it."""
+    try:
+        run.keeper.finish(run.outcome.why)
+        _read_photos(order, run)
+        _put_together(order, run)
+    except RigError as error:
+        safe = f"{run.keeper.acknowledged} stages are safe in {run.folder}"
+        kind = DiskFull if isinstance(error, DiskFull) else RigError
+        raise kind(f"{error}; {safe}, type rfca-rig recover {run.folder} (where the disk is full, make room first)") from error
+
+
+def _put_together(order: Order, run: Kept) -> None:
+    recorder = run.recorder
+    known = {
+        **provenance.ended(run.bench, run.outcome, recorder.worst_gap_s),
+        "ended_in_stage": recorder.where,
+        **provenance.devices(run.bench),
+        **provenance.streams(run.bench),
+        "recorder_samples": f"{recorder.samples} handed over, {recorder.refused} refused",
+    }
+    write_ending(run.folder, ending_of(run.folder, known, run.recorder.stages, order.begun, order.eye))
+    run_folder.build(run.folder)
+
+
+def _read_photos(order: Order, run: Kept) -> None:
+    if order.eye is not None:
+        marked(order.mark, order.quiet)(f"motor off; reading {sum(bool(stage.photo) for stage in run.recorder.stages)} photos ...")
+        run.recorder.read_photos(run.folder, order.eye)
+
+
+def keep(order: Order, run: Kept, say: Say) -> None:
+    """A run cut short keeps what it recorded; one that recorded nothing leaves nothing behind."""
+    try:
+        if run.recorder.samples or order.begun:
+            finish(order, run)
+            say(f"kept {counted(run.folder)} in {run.folder}; rfca-rig resume {run.folder} goes on")
+        else:
+            run.keeper.finish(run.outcome.why)
+            _read_photos(order, run)
+            run_folder.discard(run.folder)
+    except RigError as also:
+        say(str(also))
+
+
+def counted(folder: Path) -> str:
+    """What a run has recorded, in words."""
+    kept = tally_of(folder / RECORDING, thorough=False)
+    cut_short = "".join(f", and {label} until it was cut short," for label in kept.cut_short)
+    cycles = f"{kept.samples[CYCLES]} cycles, " if kept.samples.get(CYCLES) else ""
+    return f"{cycles}{kept.strokes} strokes and {kept.static} static stages{cut_short}"
+
+
+def _header(order: Order, bench: Bench) -> Recording:
+    known_to = order.believes.known_to.model_dump(exclude_none=True) if order.believes.known_to else {}
+    seed = {} if order.twin_seed is None else {"seed": str(order.twin_seed)}
+    named = {"rig": order.rig_name} if order.rig_name else {}
+    texts = {"rig_file": order.rig_text, "protocol_file": order.protocol_text}
+    texts |= ({"model_file": order.model_text} if order.model else {}) | ({"camera_file": order.camera_text} if order.eye else {})
+    return Recording(
+        title=order.plan.title,
+        source="REAL" if order.rig.is_real else "SIM",
+        believed=order.believes.believed(),
+        known_to=known_to,
+        strokes=(),
+        static=(),
+        provenance={
+            **provenance.made_by(bench),
+            **provenance.people(order.operator, order.sample),
+            **provenance.files(texts),
+            **provenance.planned(order.plan),
+            **provenance.devices(bench),
+            **seed,
+            **named,
+        },
+    )

@@ -1,0 +1,104 @@
+"""rfca-rig plan"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rfca_rig.cli.options import Json, Model, Rig
+
+if TYPE_CHECKING:
+    from rfca_rig.cli.order import Order
+    from rfca_rig.protocol.check import Load
+    from rfca_rig.protocol.plan import Plan, Stage
+
+MOST_LINES = 60
+
+
+def plan(
+    protocol: Annotated[str, typer.Argument(metavar="PROTOCOL", help="A name in protocols/, or a .toml file.")],
+    rig: Rig = "twin",
+    model: Model = None,
+    every: Annotated[bool, typer.Option("--all", help=f"Print every stage, also of a plan of more than {MOST_LINES}.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Print every stage of a plan with its time, size and expected load, and hold it against the rig's limits. Nothing moves.
+
+    It is the very list that a run walks. Example: rfca-rig plan table2 --rig calibration/my-rig.toml
+    """
+    from rfca_rig.cli.examining import examined
+    from rfca_rig.cli.terminal import marked
+
+    order = _order(protocol, rig, model)
+    expected = examined(order, marked(order.mark, as_json))
+    if as_json:
+        typer.echo(json.dumps(_as_data(order.plan, expected), indent=1))
+        return
+    for line in _lines(order, expected, None if every else MOST_LINES):
+        typer.echo(f"{order.mark} {line}")
+
+
+def _order(protocol: str, rig: str, model: Path | None) -> "Order":
+    from rfca_rig.cli.order import Order
+    from rfca_rig.cli.places import find_file
+    from rfca_rig.description.model_file import read_model_file
+    from rfca_rig.description.planning import read_plan
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.description.toml import read_text
+
+    rig_path, protocol_path = find_file("calibration", rig), find_file("protocols", protocol)
+    rig_file = read_rig(rig_path)
+    found = read_plan(protocol_path, rig_file.facts())
+    order = Order(rig_file, read_text(rig_path), read_text(protocol_path), found, None, Path("runs"), quiet=False, dry=True)
+    return replace(order, model=read_model_file(model)) if model else order
+
+
+def _lines(order: "Order", expected: "Mapping[Stage, Load]", most: int | None) -> list[str]:
+    plan = order.plan
+    head = [f"{order.rig.rig.title}: {plan.title}", "  stage  at most until    size  what, and what the model expects"]
+    rows = _rows(plan, expected)
+    shown = rows if most is None or len(rows) <= most else [*rows[:most], f"  ... {len(rows) - most} stages more; --all prints them"]
+    limits = plan.limits
+    counted = f"{len(plan.stages)} stages: {len(plan.flaps)} strokes, {len(plan.holds)} static stages"
+    at_most = f"at most {_clock(plan.duration_s)} on the rig, {plan.recorded_bytes / 1e6:.1f} MB before compression and photos"
+    within = f"within the limits: {limits.force_N:g} N, {limits.torque_Nm:g} N m, {limits.speed_rad_s:g} rad/s"
+    return [*head, *shown, f"  {counted}; {at_most}", f"  {within}"]
+
+
+def _rows(plan: "Plan", expected: "Mapping[Stage, Load]") -> list[str]:
+    rows, until_s = [], 0.0
+    for number, stage in enumerate(plan.stages, start=1):
+        until_s += stage.duration_s
+        size_MB = plan.rates.bytes_in(stage.recorded_s) / 1e6
+        size = f"{size_MB:6.1f} MB" if size_MB else " " * 9
+        rows.append(f"  {number:5d}  {_clock(until_s):>13}  {size}  {stage.label}{_load(expected.get(stage))}")
+    return rows
+
+
+def _load(load: "Load | None") -> str:
+    return "" if load is None else f": up to {load.force_N:.0f} N, {load.torque_Nm:.1f} N m"
+
+
+def _clock(duration_s: float) -> str:
+    """Hours, minutes and seconds, as few of them as it takes."""
+    minutes, seconds = divmod(duration_s, 60.0)
+    hours, minutes = divmod(int(minutes), 60)
+    return f"{hours}:{minutes:02d}:{seconds:04.1f}" if hours else f"{minutes}:{seconds:04.1f}"
+
+
+def _as_data(plan: "Plan", expected: "Mapping[Stage, Load]") -> dict[str, Any]:
+    stages: Sequence[dict[str, Any]] = [
+        {
+            "stage": type(stage).__name__,
+            "label": stage.label,
+            "at_most_s": stage.duration_s,
+            "recorded_bytes": plan.rates.bytes_in(stage.recorded_s),
+            "expected_force_N": expected[stage].force_N if stage in expected else None,
+            "expected_torque_Nm": expected[stage].torque_Nm if stage in expected else None,
+        }
+        for stage in plan.stages
+    ]
+    return {"title": plan.title, "experiment": plan.experiment, "at_most_s": plan.duration_s, "stages": stages}

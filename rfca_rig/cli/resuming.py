@@ -1,0 +1,121 @@
+"""rfca-rig resume"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rfca_rig.cli.options import Dry, Json
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rfca_rig.bench.begun import Begun
+    from rfca_rig.bench.recorder import Recorder
+    from rfca_rig.cli.order import Order
+    from rfca_rig.cli.terminal import Say
+    from rfca_rig.protocol.plan import Stage
+
+
+def resume(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of the run.")],
+    rig: Annotated[
+        str | None,
+        typer.Option("--rig", metavar="NAME|FILE", help="Go on with this rig file, though it is not the one that the run began with."),
+    ] = None,
+    after_trip: Annotated[
+        bool, typer.Option("--after-trip", help="Go on although a limit had stopped the motion; look at the rig first.")
+    ] = False,
+    dry_run: Dry = False,
+    as_json: Json = False,
+) -> None:
+    """Go on with a run that was stopped, by ^C, a trip, a crash or a power cut: the stages that are not recorded, into the same folder.
+
+    A real rig is armed anew. From wherever the shaft stands it first turns forwards to the start angle.
+
+    Example: rfca-rig resume runs/REAL-table-ii-001
+    """
+    from rfca_rig.bench.begun import read_begun
+    from rfca_rig.cli.fatigue import say_bending
+    from rfca_rig.cli.running import carry_out
+    from rfca_rig.cli.terminal import marked
+
+    begun = read_begun(run.parent if run.suffix == ".h5" else run)
+    order = _order(begun, rig, as_json, dry_run)
+    _check_trip(begun, after_trip)
+    marked(order.mark, as_json)(f"{begun.folder} stopped: {begun.why}; what remains of its plan:")
+    if order.plan.experiment == "fatigue":
+        say_bending(order)
+    folder, _ = carry_out(order, _on_stage(begun))
+    if folder is not None:
+        _close(order, begun, as_json)
+
+
+def _check_trip(begun: "Begun", after_trip: bool) -> None:
+    from rfca_rig.errors import BadInput
+
+    if begun.has_tripped and not after_trip:
+        raise BadInput(f"{begun.folder}: was stopped by {begun.why}; look at the rig, then say --after-trip to go on")
+
+
+def _order(begun: "Begun", rig: str | None, as_json: bool, dry_run: bool) -> "Order":
+    from dataclasses import replace
+
+    from rfca_rig.bench.same_rig import rig_to_go_on
+    from rfca_rig.cli.closing_the_loop import belief
+    from rfca_rig.cli.order import Order
+    from rfca_rig.cli.places import find_file
+    from rfca_rig.errors import BadInput
+    from rfca_rig.protocol.remaining import remaining
+
+    kept, left = begun.header.provenance, remaining(begun.plan, begun.done)
+    if not left.stages:
+        raise BadInput(f"{begun.folder}: every stage is recorded; to bring it to its end, type rfca-rig recover {begun.folder}")
+    name = rig or kept.get("rig")
+    if name is None:
+        raise BadInput(f"{begun.folder}: does not say where its rig file is; say so with --rig")
+    now = rig_to_go_on(begun, find_file("calibration", name), deliberately=rig is not None)
+    model, model_text = belief(now.rig, begun.header)
+    camera_text = kept.get("camera_file", "") if left.photos else ""
+    return Order(
+        rig=now.rig,
+        rig_text=now.text,
+        protocol_text=kept["protocol_file"],
+        plan=replace(left, limits=now.rig.facts().limits),
+        seed=begun.seed(),
+        runs=begun.folder,
+        quiet=as_json,
+        dry=dry_run,
+        model=model,
+        model_text=model_text,
+        eye=now.rig.eye_behind(camera_text, begun.folder / "camera_file") if camera_text else None,
+        camera_text=camera_text,
+        rig_name=name,
+        begun=begun,
+        rig_changes=now.changes,
+    )
+
+
+def _on_stage(begun: "Begun") -> "Callable[[Stage, Recorder, Say], None]":
+    from rfca_rig.cli.dynamic import say_valley
+    from rfca_rig.cli.fatigue import Watcher
+    from rfca_rig.cli.static import say_stage
+
+    return {"dynamic": say_valley, "static": say_stage, "fatigue": Watcher(begun).say_stage}[begun.plan.experiment]
+
+
+def _close(order: "Order", begun: "Begun", as_json: bool) -> None:
+    import json
+
+    from rfca_rig.cli import fatigue
+    from rfca_rig.cli.keeping import counted
+    from rfca_rig.recording.run_folder import read_stages
+
+    if begun.plan.experiment == "fatigue":
+        fatigue.close(order.mark, begun.folder, as_json)
+    elif as_json:
+        kept = read_stages(begun.folder)
+        count = {"strokes": len(kept.strokes), "static_stages": len(kept.static), "resumed": begun.resumed + 1}
+        typer.echo(json.dumps({"source": order.mark, "run": str(begun.folder), **count}, indent=1))
+    else:
+        typer.echo(f"{order.mark} {counted(begun.folder)} in {begun.folder}; next: rfca-rig report {begun.folder} --out report", err=True)

@@ -1,0 +1,65 @@
+"""How a CubeMars AK drive is told to let go, and what shows that it did."""
+
+from dataclasses import dataclass
+
+import can
+
+from rfca_rig.codecs import cubemars_servo
+from rfca_rig.codecs.cubemars_mit import MitCommand, Special, decode_reply, encode_command, encode_special
+from rfca_rig.codecs.cubemars_servo import STATUS_A, Status
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.drivers.cubemars_settings import MitSettings, ServoSettings
+
+LEAST_LOAD_COUNTS = 10
+
+
+@dataclass(frozen=True)
+class MitLastWord:
+    """In MIT mode: a command without gains, which the drive would remember, then the end of the mode. Both are answered."""
+
+    settings: MitSettings
+
+    def limp(self) -> can.Message:
+        """No gains, and of the two codes nearest to no torque one: less than a thousandth of the range, and only while energised."""
+        return self._to_drive(encode_command(self.settings.ranges, MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)))
+
+    def frames(self) -> tuple[can.Message, ...]:
+        return self.limp(), self._to_drive(encode_special(Special.EXIT))
+
+    def _to_drive(self, data: bytes) -> can.Message:
+        return can.Message(arbitration_id=self.settings.drive_id, data=data, is_extended_id=False)
+
+    def torque_Nm(self, message: can.Message) -> float | None:
+        drive = self.settings.drive_id
+        if message.is_extended_id or message.arbitration_id not in {0, drive} or not message.data or message.data[0] != drive:
+            return None
+        try:
+            return decode_reply(self.settings.ranges, message.data).torque_Nm
+        except MalformedFrame:
+            return None
+
+    def least_Nm(self) -> float:
+        return LEAST_LOAD_COUNTS * 2.0 * self.settings.ranges.torque_Nm / 4095
+
+
+@dataclass(frozen=True)
+class ServoLastWord:
+    """In servo mode: a current of zero. The drive says its current on its own."""
+
+    settings: ServoSettings
+
+    def frames(self) -> tuple[can.Message, ...]:
+        identifier, data = cubemars_servo.set_current(self.settings.drive_id, 0.0)
+        return (can.Message(arbitration_id=identifier, data=data, is_extended_id=True),)
+
+    def torque_Nm(self, message: can.Message) -> float | None:
+        if not message.is_extended_id or cubemars_servo.drive_of(message.arbitration_id) != self.settings.drive_id:
+            return None
+        try:
+            report = cubemars_servo.decode(message.arbitration_id, message.data)
+        except MalformedFrame:
+            return None
+        return report.current_A * self.settings.shaft_torque_per_A if isinstance(report, Status) else None
+
+    def least_Nm(self) -> float:
+        return LEAST_LOAD_COUNTS * STATUS_A * abs(self.settings.shaft_torque_per_A)

@@ -1,0 +1,95 @@
+"""The shaft: reported, where it should be, not too fast, neither stuck nor somewhere else all of a sudden."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rfca_rig.drivers.roles import ShaftSamples
+from rfca_rig.errors import Tripped
+from rfca_rig.protocol.plan import Limits
+from rfca_rig.trip_codes import Trip
+
+JAM_SPEED_RAD_S = 0.2  # a target slower than this may stand for a moment
+JAM_SHARE = 0.1  # of the target's speed: slower is stuck
+JAM_S = 0.3  # longer than a soft drive sags into a load
+JUMP_RAD = 0.2  # between two reports, beyond what the limit of speed allows: far above any encoder's noise
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """Where the shaft should be and is."""
+
+    target_rad: float
+    angle_rad: float
+    target_speed_rad_s: float
+    speed_rad_s: float
+
+
+class ShaftWatch:
+    """Remembers the last report, and since when the shaft has not followed at all."""
+
+    def __init__(self, limits: Limits, now_s: float) -> None:
+        self._limits = limits
+        self._heard_s = self._moved_s = now_s
+        self._last: tuple[float, float] | None = None
+        self._torque_Nm = np.nan
+
+    def reported(self, now_s: float, shaft: ShaftSamples) -> None:
+        """One tick's reports, also where there are none."""
+        if not len(shaft.angle_rad):
+            self._check_silence(now_s - self._heard_s)
+            return
+        self._heard_s = now_s
+        self._torque_Nm = float(shaft.torque_Nm[-1])
+        self._check_jump(shaft)
+        self._last = float(shaft.device_s[-1]), float(shaft.angle_rad[-1])
+
+    def _check_silence(self, silent_s: float) -> None:
+        limit_s = self._limits.drive_silent_s
+        if silent_s > limit_s:
+            raise Tripped(
+                Trip.ENCODER_SILENT,
+                f"no report of the shaft's angle for {1e3 * silent_s:.0f} ms, limit {1e3 * limit_s:.0f} ms; check the drive's "
+                "encoder and its cyclic messages",
+            )
+
+    def _check_jump(self, shaft: ShaftSamples) -> None:
+        times_s, angles_rad = shaft.device_s, shaft.angle_rad
+        if self._last is not None:
+            times_s, angles_rad = np.append(self._last[0], times_s), np.append(self._last[1], angles_rad)
+        steps_rad = np.abs(np.diff(angles_rad))
+        allowed_rad = self._limits.speed_rad_s * np.diff(times_s) + JUMP_RAD
+        if (steps_rad > allowed_rad).any():
+            raise Tripped(
+                Trip.JUMP,
+                f"the shaft's angle jumped by {np.degrees(steps_rad.max()):.1f} deg from one report to the next; was the drive "
+                "restarted, or does the encoder slip? Check the zero before anything moves",
+            )
+
+    def following(self, now_s: float, now: Tracking) -> None:
+        """Speed, and how far the shaft is from where it should be; the limit grows with the speed."""
+        if abs(now.speed_rad_s) > self._limits.speed_rad_s:
+            raise Tripped(Trip.OVERSPEED, f"shaft at {now.speed_rad_s:.2f} rad/s, limit {self._limits.speed_rad_s:g} rad/s")
+        self._check_behind(now)
+        self._check_jam(now_s, now)
+
+    def _check_behind(self, now: Tracking) -> None:
+        behind_rad = abs(now.target_rad - now.angle_rad)
+        limit_rad = self._limits.following_error_rad + self._limits.following_error_s * abs(now.target_speed_rad_s)
+        if behind_rad > limit_rad:
+            raise Tripped(
+                Trip.FOLLOWING,
+                f"following error: shaft {np.degrees(behind_rad):.1f} deg from where it should be, limit {np.degrees(limit_rad):.1f} deg "
+                f"at {now.target_speed_rad_s:.2f} rad/s; look for a jam, or a drive too weak for this load",
+            )
+
+    def _check_jam(self, now_s: float, now: Tracking) -> None:
+        wanted_rad_s = abs(now.target_speed_rad_s)
+        if wanted_rad_s < JAM_SPEED_RAD_S or abs(now.speed_rad_s) > JAM_SHARE * wanted_rad_s:
+            self._moved_s = now_s
+        elif now_s - self._moved_s > JAM_S:
+            raise Tripped(
+                Trip.JAM,
+                f"the shaft has stood for {1e3 * (now_s - self._moved_s):.0f} ms where it should turn at "
+                f"{now.target_speed_rad_s:.2f} rad/s, with {self._torque_Nm:.1f} N m from the motor; look for what holds it",
+            )

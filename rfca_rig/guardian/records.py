@@ -1,0 +1,116 @@
+"""What passes between a guardian and the process it guards: small records of bytes, frames among them."""
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+import can
+
+from rfca_rig.drivers.guard import Silenced
+
+HEAD = struct.Struct("<BBBxHxxIId")  # kind, flags, dlc, payload bytes, number, arbitration id, time
+_SILENCED = struct.Struct("<ddqd")
+
+
+class Kind(IntEnum):
+    """Both ways: FRAME. To the guardian: FRAME_TO_CONFIRM, ARM, CLOSE. From it: the rest."""
+
+    FRAME = 1
+    FRAME_TO_CONFIRM = 2
+    ARM = 3
+    CLOSE = 4
+    CONFIRMED = 5
+    ALIVE = 6
+    BUS_ERROR = 7
+    LET_GO = 8
+    SILENCED = 9
+
+
+class Form(IntFlag):
+    """What kind of frame it is."""
+
+    EXTENDED = 1
+    REMOTE = 2
+    ERROR = 4
+    FD = 8
+    BITRATE_SWITCH = 16
+    ERROR_STATE = 32
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """`t_s` is the time of the machine's clock that both share; of a frame from the bus, its own time stamp.
+
+    `number` says which arming, or which frame to be confirmed; `flags`, `dlc` and `arbitration_id` belong to frames.
+    """
+
+    kind: Kind
+    t_s: float
+    number: int = 0
+    payload: bytes = b""
+    flags: int = 0
+    dlc: int = 0
+    arbitration_id: int = 0
+
+    @property
+    def text(self) -> str:
+        return self.payload.decode()
+
+
+def encode(record: Record) -> bytes:
+    head = HEAD.pack(record.kind, record.flags, record.dlc, len(record.payload), record.number, record.arbitration_id, record.t_s)
+    return head + record.payload
+
+
+def split(received: bytes | bytearray) -> tuple[list[Record], int]:
+    """Every whole record, and how many bytes they took."""
+    records, at = [], 0
+    while at + HEAD.size <= len(received):
+        kind, flags, dlc, size, number, arbitration_id, t_s = HEAD.unpack_from(received, at)
+        end = at + HEAD.size + size
+        if end > len(received):
+            break
+        records.append(Record(Kind(kind), t_s, number, bytes(received[at + HEAD.size : end]), flags, dlc, arbitration_id))
+        at = end
+    return records, at
+
+
+def of_frame(message: can.Message, t_s: float, kind: Kind = Kind.FRAME, number: int = 0) -> Record:
+    flags = (
+        Form.EXTENDED * message.is_extended_id
+        | Form.REMOTE * message.is_remote_frame
+        | Form.ERROR * message.is_error_frame
+        | Form.FD * message.is_fd
+        | Form.BITRATE_SWITCH * message.bitrate_switch
+        | Form.ERROR_STATE * message.error_state_indicator
+    )
+    return Record(kind, t_s, number, bytes(message.data), flags, message.dlc, message.arbitration_id)
+
+
+def frame_of(record: Record) -> can.Message:
+    """With `t_s` as its time stamp."""
+    flags = record.flags
+    return can.Message(
+        timestamp=record.t_s,
+        arbitration_id=record.arbitration_id,
+        is_extended_id=bool(flags & Form.EXTENDED),
+        is_remote_frame=bool(flags & Form.REMOTE),
+        is_error_frame=bool(flags & Form.ERROR),
+        is_fd=bool(flags & Form.FD),
+        bitrate_switch=bool(flags & Form.BITRATE_SWITCH),
+        error_state_indicator=bool(flags & Form.ERROR_STATE),
+        dlc=record.dlc,
+        data=record.payload,
+    )
+
+
+def of_text(kind: Kind, t_s: float, text: str, number: int = 0) -> Record:
+    return Record(kind, t_s, number, text.encode()[:2000])
+
+
+def of_silenced(did: Silenced, t_s: float, number: int) -> Record:
+    return Record(Kind.SILENCED, t_s, number, _SILENCED.pack(did.silent_s, did.took_s, did.reports, did.torque_Nm))
+
+
+def silenced_of(record: Record) -> Silenced:
+    return Silenced(*_SILENCED.unpack(record.payload))

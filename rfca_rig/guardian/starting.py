@@ -1,0 +1,25 @@
+"""How the guardian comes to be."""
+
+import subprocess
+import sys
+from multiprocessing.connection import Connection
+
+from rfca_rig import own_process
+from rfca_rig.guardian.process import Assignment, guard
+
+MODULE = "rfca_rig.guardian.starting"
+
+
+def can_be_started() -> bool:
+    """Whether this system lets a process inherit a socket."""
+    return sys.platform != "win32"
+
+
+def started(assignment: Assignment) -> tuple[subprocess.Popen[bytes], Connection]:
+    """The process, and the way to talk to it."""
+    return own_process.started(MODULE, assignment)
+
+
+if __name__ == "__main__":
+    with Connection(int(sys.argv[1])) as parent:
+        guard(parent)

@@ -1,0 +1,87 @@
+"""How much a recording on disk holds, told without holding it in memory."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+
+from rfca_rig.recording.columns import ROWS_PER_CHUNK, link
+from rfca_rig.recording.form import Source
+from rfca_rig.recording.raw_stages import GROUP as RAW
+from rfca_rig.recording.static_table import read_static
+from rfca_rig.recording.store import opened
+from rfca_rig.recording.strokes import GROUP as STROKES
+from rfca_rig.recording.strokes import TIME, streams_in
+
+SEQUENCE = "rdt_sequence"
+
+
+@dataclass(frozen=True)
+class Tally:
+    """Counts. `samples` are per name of stream, `missing` the records that the sensor's own numbers leave out, per stream that has any.
+
+    `cut_short` are the labels of stages that were.
+    """
+
+    strokes: int
+    static: int
+    raw: int
+    samples: Mapping[str, int]
+    missing: tuple[int, ...]
+    cut_short: tuple[str, ...]
+
+    def text(self) -> str:
+        return f"{self.strokes} strokes, {self.static} static stages, {self.raw} raw, {sum(self.samples.values())} samples"
+
+
+def tally_of(path: Path, thorough: bool = True) -> Tally:
+    """Reads every value once, a piece at a time, because that is what finds all damage; otherwise trusts the file's seal.
+
+    Raises BadInput for a file that is damaged or of another kind.
+    """
+    with opened(path) as (file, source):
+        strokes, raw = _numbered(file[STROKES]), _numbered(file[RAW]) if RAW in file else []
+        samples: Counter[str] = Counter()
+        missing = []
+        for name, group in _streams((*strokes, *raw), source):
+            samples[name] += len(group[TIME])
+            if thorough:
+                _read_through(group)
+            missing += [gone for gone in _missing(group) if gone]
+        cut_short = tuple(str(group.attrs["label"]) for group in raw if group.attrs["cut_short"])
+        return Tally(len(strokes), len(read_static(file)), len(raw), dict(samples), tuple(missing), cut_short)
+
+
+def together(tallies: Iterable[Tally]) -> Tally:
+    """Of several recordings of one run as of one."""
+    parts = list(tallies)
+    samples: Counter[str] = Counter()
+    for part in parts:
+        samples.update(part.samples)
+    strokes, static, raw = (sum(getattr(part, name) for part in parts) for name in ("strokes", "static", "raw"))
+    missing = tuple(gone for part in parts for gone in part.missing)
+    return Tally(strokes, static, raw, dict(samples), missing, tuple(label for part in parts for label in part.cut_short))
+
+
+def _numbered(group: h5py.Group) -> list[h5py.Group]:
+    return [group[number] for number in sorted(group, key=int)]
+
+
+def _streams(stages: Iterable[h5py.Group], source: Source) -> Iterator[tuple[str, h5py.Group]]:
+    for stage in stages:
+        yield from streams_in(stage, source)
+
+
+def _read_through(stream: h5py.Group) -> None:
+    for name in stream:
+        for at in range(0, len(stream[name]), ROWS_PER_CHUNK):
+            stream[name][at : at + ROWS_PER_CHUNK]
+
+
+def _missing(stream: h5py.Group) -> Iterator[int]:
+    """What the device's own numbers say is missing between the first sample and the last."""
+    if link(SEQUENCE) in stream and len(stream[SEQUENCE]):
+        numbers = stream[SEQUENCE]
+        yield int(numbers[-1]) - int(numbers[0]) + 1 - len(numbers)

@@ -1,0 +1,91 @@
+"""Stages longer than a piece: whole to the last bit, in run.h5 as in their own file, and with no more memory than a short one."""
+
+import tracemalloc
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rfca_rig.recording import journal as journal_module
+from rfca_rig.recording import run_folder
+from rfca_rig.recording.blocks import Begin, Condition, End, samples_block, start_block
+from rfca_rig.recording.columns import ROWS_PER_CHUNK
+from rfca_rig.recording.form import Stroke
+from rfca_rig.recording.journal import blocks_in, framed, whole_blocks
+from rfca_rig.recording.keeper import DirectKeeper
+from rfca_rig.recording.layout import stage_files
+from rfca_rig.recording.rows import Rows, stream_of
+from rfca_rig.recording.stage_file import write_stage
+from rfca_rig.recording.steps import at_once
+from rfca_rig.recording.store import read_recording
+from rfca_rig.recording.tally import tally_of
+from tests.recording.growing import FORCE, FORMS, SHAFT, SPEED, START, WRENCH, begun, header
+from tests.recording.same import assert_same
+
+LENGTHS = (7, 5000, ROWS_PER_CHUNK, 0, 3 * ROWS_PER_CHUNK + 11, 1)
+
+
+def rows(number: int, force_length: int) -> tuple[Rows, Rows]:
+    random = np.random.default_rng(number)
+    shaft, force = np.zeros(number, SHAFT.dtype), np.zeros(force_length, FORCE.dtype)
+    for some in (shaft, force):
+        some["device_s"] = number + np.arange(len(some)) / 1e5
+        some["host_s"] = some["device_s"] + 100.0 + random.uniform(0.0, 1e-3, len(some))
+    shaft["shaft_angle_rad"] = random.normal(size=len(shaft))
+    for name in WRENCH:
+        force[name] = random.integers(-(2**31), 2**31, force_length)
+    return shaft, force
+
+
+def test_a_stage_of_several_pieces_is_what_was_handed_over(tmp_path: Path):
+    run_folder.create(tmp_path / "run", header())
+    keeper, pieces = DirectKeeper(tmp_path / "run"), [rows(number, length) for number, length in enumerate(LENGTHS)]
+    keeper.give(Begin("long", 0.215, FORMS).block())
+    keeper.give(start_block(START))
+    for piece in pieces:
+        keeper.give(samples_block(piece))
+    keeper.give(End(stroke=Condition(SPEED, 1)).block())
+    keeper.finish("done")
+    streams = {form.name: stream_of(form, np.concatenate(some), START) for form, some in zip(FORMS, zip(*pieces, strict=True), strict=True)}
+    expected = replace(header(), strokes=(Stroke(0.215, SPEED, 1, streams),))
+    (stage,) = stage_files(tmp_path / "run")
+    for path in (stage, run_folder.build(tmp_path / "run")):
+        found = read_recording(path)
+        assert_same(replace(found, believed=expected.believed, known_to=expected.known_to, provenance=expected.provenance), expected)
+    assert tally_of(stage).samples == {"shaft": sum(range(len(LENGTHS))), "force": sum(LENGTHS)}
+
+
+@pytest.mark.parametrize("piece", [1, 13, 700, 1 << 20])
+def test_a_journal_is_read_in_pieces_of_any_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, piece: int):
+    monkeypatch.setattr(journal_module, "PIECE", piece)
+    content = b"".join(framed(block) for block in begun(1))
+    path, random = tmp_path / "a.journal", np.random.default_rng(piece)
+    for place in [0, 5, len(content), *random.integers(0, len(content), 12)]:
+        damaged = bytearray(content)
+        damaged[place % len(content)] ^= 16
+        for there in (content[:place], bytes(damaged)):
+            path.write_bytes(there)
+            assert list(blocks_in(path)) == whole_blocks(there)[0]
+
+
+def journal_of(path: Path, blocks: int) -> int:
+    """Its length."""
+    samples = framed(samples_block(rows(1, 1000)))
+    begin = framed(Begin("long", 0.215, FORMS).block())
+    path.write_bytes(begin + samples * blocks)
+    return path.stat().st_size
+
+
+def test_the_length_of_a_stage_costs_no_memory(tmp_path: Path):
+    peaks = []
+    for number, blocks in enumerate((60, 480)):
+        journal = tmp_path / f"000{number + 1}.journal"
+        length = journal_of(journal, blocks)
+        tracemalloc.start()
+        at_once(write_stage(journal, journal.with_suffix(".h5"), header()))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert length > 2e7
+    assert peaks[1] < 8e6
+    assert peaks[1] < 1.3 * peaks[0]

@@ -1,0 +1,116 @@
+"""What goes wrong with the drive, the motor, and the shaft between motor and leg."""
+
+from dataclasses import replace
+
+import can
+
+from rfca_rig.codecs import cansimple
+from rfca_rig.codecs.odrive_meanings import ERROR_BITS
+from rfca_rig.codecs.odrive_messages import AxisState
+from rfca_rig.twins.speed_loop import LoopGains, SpeedLoop
+from rfca_rig.twins.ticks import Ticks
+from tests.runner_faults.cause import Cause, catalogued
+from tests.runner_faults.rig import FaultyRig
+
+
+def _error(bit: int) -> Cause:
+    name, meaning = ERROR_BITS[bit]
+    return Cause(
+        f"drive-{name.lower().replace('_', '-')}", "drive", f"the drive stops: {meaning}", "D-01", lambda rig: rig.drive.fail(1 << bit)
+    )
+
+
+def _say(rig: FaultyRig, frame: cansimple.Frame) -> None:
+    rig.onlooker.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False))
+
+
+def _order_idle(rig: FaultyRig) -> None:
+    _say(rig, cansimple.set_axis_state(0, AxisState.IDLE))
+
+
+def _press_e_stop(rig: FaultyRig) -> None:
+    _say(rig, cansimple.estop(0))
+
+
+def _silence_encoder(rig: FaultyRig) -> None:
+    rig.drive._encoder_ticks = Ticks(1e6)
+
+
+def _weaken(rig: FaultyRig) -> None:
+    rig.drive._loop = SpeedLoop(LoopGains(torque_limit_Nm=0.3))
+
+
+def _switch_watchdog_off(rig: FaultyRig) -> None:
+    rig.drive._settings = replace(rig.drive._settings, watchdog_s=None)
+
+
+def _fever(rig: FaultyRig) -> None:
+    rig.drive.warmth.fever_K_s = 1000.0
+
+
+def _block(rig: FaultyRig) -> None:
+    rig.truth.block()
+
+
+def _loosen(rig: FaultyRig) -> None:
+    rig.truth.loose = True
+
+
+def _run_away(rig: FaultyRig) -> None:
+    rig.runaway.away_Nm = 15.0
+
+
+def _forget_address(rig: FaultyRig) -> None:
+    """It no longer hears, and its watchdog takes the torque away."""
+    rig.drive._settings = replace(rig.drive._settings, node_id=5)
+
+
+DRIVE_CAUSES = (
+    *(_error(bit) for bit in ERROR_BITS),
+    Cause(
+        "watchdog-off",
+        "drive",
+        "the drive has no watchdog: found out at arming, nothing moves",
+        "DeviceError",
+        _switch_watchdog_off,
+        at_arming=True,
+    ),
+    catalogued("idle-unasked", "drive", "the drive goes idle, without any error", "D-01"),
+    Cause(
+        "idle-from-elsewhere",
+        "drive",
+        "another master on the bus orders the drive to go idle",
+        "D-01",
+        _order_idle,
+    ),
+    Cause("e-stop-frame", "drive", "an emergency stop frame on the bus", "D-01", _press_e_stop),
+    catalogued("heartbeat-silent", "drive", "no heartbeat any more, all else goes on", "D-01", within_ms=400),
+    Cause("encoder-silent", "drive", "no encoder estimates any more, heartbeats go on", "F-02", _silence_encoder, within_ms=200),
+    Cause(
+        "encoder-silent-held",
+        "drive",
+        "the same while the shaft is held",
+        "D-03",
+        _silence_encoder,
+        in_hold=True,
+        within_ms=530,
+        hold_s=0.8,
+    ),
+    catalogued("encoder-frozen", "drive", "every encoder report repeats the one before", "F-02", within_ms=200),
+    catalogued("encoder-jump", "drive", "the encoder slips by a turn of the motor", "F-04"),
+    catalogued("drive-restart", "drive", "the drive restarts: idle, its position counts from elsewhere", "F-04"),
+    Cause("drive-hot", "drive", "motor above the limit of temperature, no error of the drive", "D-04", _fever, within_ms=600),
+    Cause("weak-drive", "drive", "the drive gives 0.3 N m at most", "F-02", _weaken, within_ms=250),
+    Cause("runaway", "drive", "the drive pushes with 15 N m, whatever it is told", "F-01", _run_away),
+    Cause("coupling-slips", "drive", "the motor's torque no longer gets to the shaft", "F-02", _loosen, within_ms=250),
+    Cause("jam", "drive", "the shaft is held fast", "F-02", _block, within_ms=200),
+    Cause("jam-slow", "drive", "the shaft is held fast in a stroke at 1 rad/s", "F-03", _block, within_ms=320, speed_rad_s=1.0),
+    Cause(
+        "drive-forgets-address",
+        "drive",
+        "the drive takes another address: hears nothing, says nothing as itself",
+        "F-02",
+        _forget_address,
+        within_ms=115,
+    ),
+)

@@ -1,0 +1,70 @@
+"""Every cause ends as it should: motor off, nothing commanded afterwards, nothing lost; and the printed table knows them all."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.runner_faults import test_signals
+from tests.runner_faults.cause import GOES_ON, Cause
+from tests.runner_faults.causes import CAUSES
+from tests.runner_faults.endings import ENDINGS
+from tests.runner_faults.outcome import caused
+from tests.runner_faults.rig import FaultyRig
+from tests.runner_faults.table import foot
+
+TABLE = Path(__file__).parents[2] / "docs" / "fault-table.md"
+
+pytestmark = pytest.mark.timeout(300)
+
+
+@pytest.mark.parametrize("cause", CAUSES.values(), ids=CAUSES)
+def test_a_cause_ends_as_it_should(cause: Cause, tmp_path: Path) -> None:
+    outcome = caused(cause, tmp_path / "run")
+    assert outcome.ended == cause.ends, outcome.message
+    assert outcome.is_safe, outcome
+    assert outcome.acknowledged >= (2 if cause.ends == GOES_ON else 0 if cause.at_arming or cause.in_hold else 1)
+    if cause.ends != GOES_ON and not cause.at_arming:
+        assert outcome.stop.torque_ms <= cause.within_ms
+
+
+def test_a_mistake_in_the_program_itself_takes_the_torque_away_too(tmp_path: Path) -> None:
+    seen: list[FaultyRig] = []
+
+    def divide_by_zero(rig: FaultyRig) -> None:
+        seen.append(rig)
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        caused(Cause("mistake", "computer", "", "", divide_by_zero), tmp_path / "run")
+    assert seen[0].bus.told_to_let_go_s() is not None
+    assert seen[0].bus.motion_after_stop() == 0
+    assert not seen[0].truth.moments[-1].powered
+
+
+def test_the_causes_are_many_and_of_every_kind() -> None:
+    assert len(CAUSES) >= 30
+    assert {cause.family for cause in CAUSES.values()} == {"sensor", "drive", "bus", "computer", "operator"}
+
+
+def _faults() -> str:
+    return TABLE.read_text(encoding="utf-8").removesuffix(f"{foot()}\n")
+
+
+def test_every_ending_of_the_process_has_its_test_and_is_in_the_documents() -> None:
+    assert TABLE.read_text(encoding="utf-8").endswith(f"{foot()}\n")
+    for ending in ENDINGS:
+        assert callable(getattr(test_signals, ending.test))
+
+
+def test_the_table_in_the_documents_is_that_of_the_causes_in_code() -> None:
+    told = re.findall(r"^\| (\S.*?) \| (.*?) \| (.*?) \|", _faults(), re.MULTILINE)[1:]
+    assert [(name, what, ends) for name, what, ends in told] == [(cause.name, cause.what, cause.ends) for cause in CAUSES.values()]
+
+
+def test_the_table_in_the_documents_shows_no_motor_that_went_on() -> None:
+    lines = [line for line in _faults().splitlines() if line.startswith("| ")][1:]
+    for line in lines:
+        _, _, energised, frames, lost = line.strip("| ").split(" | ")[-5:]
+        assert energised == "never" or re.fullmatch(r"\d\d ms, until the drive's watchdog", energised)
+        assert (frames, lost) == ("0", "0")
