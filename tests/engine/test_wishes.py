@@ -63,9 +63,11 @@ def pressed(tmp_path, wish, at_s=IN_THE_FIRST_STROKE_S, repeats=3):
 def test_once_the_stroke_is_finished_and_the_leg_brought_into_the_air(tmp_path):
     done, _, recorder, said, kept = pressed(tmp_path, Wish.SAFE_POINT)
     assert [stroke.repeat for stroke in kept.strokes] == [1]
-    assert isinstance(done[-2], Flap)
-    assert isinstance(done[-1], MoveShaft)
-    assert done[-1].forwards
+    stroke, onwards, waiting = done[-3:]
+    assert isinstance(stroke, Flap)
+    assert isinstance(onwards, MoveShaft)
+    assert onwards.forwards
+    assert waiting.angle_rad == twin_rig().facts().parked_angle_rad
     assert said.endswith("at a safe point")
     assert np.isfinite(recorder.standstill.turned_rad)
 
