@@ -9,7 +9,9 @@ from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.settling import PERIOD_S as HOLD_PERIOD_S
 from rfca_rig.engine.settling import settle
 from rfca_rig.engine.sink import Recorded, Sink
+from rfca_rig.errors import Tripped
 from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Approach, Flap, Hold, MoveShaft, way_to
+from rfca_rig.trip_codes import Trip
 
 TICK_S = 0.002
 MOVE_TICK_S = 0.005
@@ -94,7 +96,10 @@ def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None
         _stand(loop, target_rad, timing.average_s)
     while exposure.is_under_way(loop.now_s):
         loop.to_angle(target_rad, 0.0, HOLD_PERIOD_S)
-    return Recorded(tap.shaft(), tap.force(), start_s, turns_rad, settled.reached, exposure.photo, exposure.fault)
+    shaft = tap.shaft()
+    if not len(shaft.angle_rad):
+        raise Tripped(Trip.ENCODER_SILENT, f"no report of the shaft's angle in the {timing.average_s:g} s of {stage.label}")
+    return Recorded(shaft, tap.force(), start_s, turns_rad, settled.reached, exposure.photo, exposure.fault)
 
 
 def _stand(loop: Loop, target_rad: float, duration_s: float) -> None:

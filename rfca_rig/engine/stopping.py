@@ -12,6 +12,7 @@ from rfca_rig.errors import DeviceError, RigError
 
 TRIES = 3
 BETWEEN_TRIES_S = 0.005
+LEFT_ALONE_S = 0.25  # watchdogs and guardians act within 0.1 s or so
 LOOK_S = 0.01
 STANDS_RAD_S = 0.05
 STANDS_FOR_S = 0.05
@@ -50,10 +51,19 @@ def stop(bench: Bench) -> Standstill:
     Every step is tried whatever became of the one before, and bounded in time. Raises DeviceError where the drive could not be told.
     """
     try:
-        let_go(bench.motor, bench.clock)
+        _let_go_or_outwait(bench)
         return _watch_shaft(bench)
     finally:
         bench.sensor.stop()
+
+
+def _let_go_or_outwait(bench: Bench) -> None:
+    """A drive that cannot be told any more stops by its own watchdog, or the guardian's word: the run is not over before."""
+    try:
+        let_go(bench.motor, bench.clock)
+    except DeviceError:
+        bench.clock.wait_until(bench.clock.now_s() + LEFT_ALONE_S)
+        raise
 
 
 def switch_off(bench: Bench) -> None:

@@ -73,7 +73,7 @@ def test_a_bus_that_refuses_is_asked_again_and_the_sensor_is_stopped_whatever_co
         stop(deaf)
     assert deaf.motor.asked == 3
     assert deaf.sensor.stopped == 1
-    assert deaf.clock.now_s() < 0.02
+    assert 0.2 < deaf.clock.now_s() < 0.3  # until its own watchdog has acted
 
 
 def test_stopping_twice_is_stopping_once():
