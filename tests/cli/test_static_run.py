@@ -198,9 +198,9 @@ def test_a_run_that_trips_keeps_its_stages_with_their_photos_read(here, monkeypa
     (here / "twin-camera.toml").write_text(camera)
     said = static_run(here, monkeypatch, capsys, (75.0, "loading"), (135.0, "loading"), words=("--rig", here / "weak.toml"))
     assert said.exit_code == 3
-    assert "deg from where it should be" in said.err.splitlines()[-1]
+    assert "TRIP F-03: the shaft has stood" in said.err.splitlines()[-1]
     (folder,) = (here / "runs").iterdir()
     kept = read_recording(folder / "run.h5")
     assert [stage.photo for stage in kept.static] == ["photos/001.png"]
     assert np.isfinite(kept.static[0].hinge_deg).all()
-    assert "deg from where it should be" in kept.provenance["ended"]
+    assert "with 2.8 N m from the motor" in kept.provenance["ended"]

@@ -91,5 +91,6 @@ class ShaftWatch:
             raise Tripped(
                 Trip.JAM,
                 f"the shaft has stood for {1e3 * (now_s - self._moved_s):.0f} ms where it should turn at "
-                f"{now.target_speed_rad_s:.2f} rad/s, with {self._torque_Nm:.1f} N m from the motor; look for what holds it",
+                f"{now.target_speed_rad_s:.2f} rad/s, with {self._torque_Nm:.1f} N m from the motor; "
+                "look for what holds it, or for a drive too weak for this load",
             )
