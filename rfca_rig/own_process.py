@@ -10,6 +10,11 @@ import sys
 from multiprocessing.connection import Connection
 
 
+def can_be_started() -> bool:
+    """Whether this system lets a process inherit a socket."""
+    return sys.platform != "win32"
+
+
 def started(module: str, assignment: object) -> tuple[subprocess.Popen[bytes], Connection]:
     """The process at work, and the way to talk to it; of a session of its own, so that neither ^C nor a closed terminal reaches it.
 

@@ -10,11 +10,6 @@ from rfca_rig.acquisition.process import Assignment, acquire
 MODULE = "rfca_rig.acquisition.starting"
 
 
-def can_be_started() -> bool:
-    """Whether this system lets a process inherit a socket."""
-    return sys.platform != "win32"
-
-
 def started(assignment: Assignment) -> tuple[subprocess.Popen[bytes], Connection]:
     """The process at work, and the way to talk to it."""
     return own_process.started(MODULE, assignment)

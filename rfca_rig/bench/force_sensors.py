@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.acquisition.acquired import AcquiredDatagrams
-from rfca_rig.acquisition.starting import can_be_started
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.codecs.ati_calibration import Calibration, parse_calibration
 from rfca_rig.codecs.ati_serial import LARGEST_COUNT
@@ -23,6 +22,7 @@ from rfca_rig.drivers.nidaqmx_gages import NidaqmxGages
 from rfca_rig.drivers.roles import ForceSensor
 from rfca_rig.drivers.serial_port import open_port
 from rfca_rig.errors import BadInput
+from rfca_rig.own_process import can_be_started
 from rfca_rig.twins.ati_serial import AtiSerialTwin, AtiSerialTwinSettings
 from rfca_rig.twins.daq_ft import DaqFtTwin, DaqFtTwinSettings
 from rfca_rig.twins.datagram_link import Link, datagram_link

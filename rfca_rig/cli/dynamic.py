@@ -46,35 +46,13 @@ def run(
 
     Example: rfca-rig dynamic run --height 215 --speed 2.433 --repeats 5
     """
-    from rfca_rig.cli.order import Order
-    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.ordering import Asked, order_of
     from rfca_rig.cli.running import carry_out
-    from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.protocol_file import read_dynamic
-    from rfca_rig.description.rig_file import read_rig
-    from rfca_rig.description.toml import read_text
     from rfca_rig.protocol.experiments import flapping_plan
 
-    rig_path, protocol_path = find_file("calibration", rig), find_file("protocols", protocol)
-    rig_file = read_rig(rig_path)
-    asked = _as_asked(read_dynamic(protocol_path), height, speed, repeats)
-    plan = flapping_plan(asked.flapping(), rig_file.facts())
-    supposed, model_text = (read_model_file(model), read_text(model)) if model else (None, "")
-    order = Order(
-        rig_file,
-        read_text(rig_path),
-        read_text(protocol_path),
-        plan,
-        seed,
-        runs,
-        as_json,
-        dry_run,
-        supposed,
-        model_text,
-        rig_name=rig,
-        operator=operator,
-        sample=sample,
-    )
+    asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json)
+    order = order_of(asked, lambda path, facts: flapping_plan(_as_asked(read_dynamic(path), height, speed, repeats).flapping(), facts))
     valleys = Valleys()
     folder, _ = carry_out(order, valleys.say_stage)
     if folder is not None:

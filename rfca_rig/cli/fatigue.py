@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rfca_rig.bench.recorder import Recorder
     from rfca_rig.cli.order import Order
     from rfca_rig.cli.terminal import Say
+    from rfca_rig.description.protocol_file import FatigueFile
     from rfca_rig.protocol.cycles import StiffnessCheck
     from rfca_rig.protocol.plan import Stage
     from rfca_rig.recording.form import StaticStage
@@ -46,40 +47,22 @@ def run(
 
     A run that was stopped goes on with `rfca-rig resume RUN`. Example: rfca-rig fatigue run --cycles 1000
     """
-    from rfca_rig.cli.order import Order
-    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.ordering import Asked, order_of
     from rfca_rig.cli.running import carry_out
-    from rfca_rig.description.model_file import read_model_file
-    from rfca_rig.description.protocol_file import FatigueFile, read_fatigue
-    from rfca_rig.description.rig_file import read_rig
-    from rfca_rig.description.toml import read_text
+    from rfca_rig.description.protocol_file import read_fatigue
     from rfca_rig.protocol.fatigue import fatigue_plan
 
-    rig_path, protocol_path = find_file("calibration", rig), find_file("protocols", protocol)
-    rig_file, asked = read_rig(rig_path), read_fatigue(protocol_path)
-    if cycles is not None:
-        asked = FatigueFile.model_validate({**asked.model_dump(), "cycles": cycles})
-    plan = fatigue_plan(asked.fatigue(), rig_file.facts())
-    supposed, model_text = (read_model_file(model), read_text(model)) if model else (None, "")
-    order = Order(
-        rig_file,
-        read_text(rig_path),
-        read_text(protocol_path),
-        plan,
-        seed,
-        runs,
-        as_json,
-        dry_run,
-        supposed,
-        model_text,
-        rig_name=rig,
-        operator=operator,
-        sample=sample,
-    )
+    asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json)
+    order = order_of(asked, lambda path, facts: fatigue_plan(_as_asked(read_fatigue(path), cycles).fatigue(), facts))
     say_bending(order)
     folder, _ = carry_out(order, Watcher().say_stage)
     if folder is not None:
         close(order.mark, folder, as_json)
+
+
+def _as_asked(protocol: "FatigueFile", cycles: int | None) -> "FatigueFile":
+    """The protocol with what the command line replaces."""
+    return protocol if cycles is None else type(protocol).model_validate({**protocol.model_dump(), "cycles": cycles})
 
 
 def say_bending(order: "Order") -> None:

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,30 +29,17 @@ def plan(
     It is the very list that a run walks. Example: rfca-rig plan table2 --rig calibration/my-rig.toml
     """
     from rfca_rig.cli.examining import examined
+    from rfca_rig.cli.ordering import Asked, order_of
     from rfca_rig.cli.terminal import marked
+    from rfca_rig.description.planning import read_plan
 
-    order = _order(protocol, rig, model)
+    order = order_of(Asked(rig, protocol, model, Path("runs"), is_dry=True), read_plan)
     expected = examined(order, marked(order.mark, as_json))
     if as_json:
         typer.echo(json.dumps(_as_data(order.plan, expected), indent=1))
         return
     for line in _lines(order, expected, None if every else MOST_LINES):
         typer.echo(f"{order.mark} {line}")
-
-
-def _order(protocol: str, rig: str, model: Path | None) -> "Order":
-    from rfca_rig.cli.order import Order
-    from rfca_rig.cli.places import find_file
-    from rfca_rig.description.model_file import read_model_file
-    from rfca_rig.description.planning import read_plan
-    from rfca_rig.description.rig_file import read_rig
-    from rfca_rig.description.toml import read_text
-
-    rig_path, protocol_path = find_file("calibration", rig), find_file("protocols", protocol)
-    rig_file = read_rig(rig_path)
-    found = read_plan(protocol_path, rig_file.facts())
-    order = Order(rig_file, read_text(rig_path), read_text(protocol_path), found, None, Path("runs"), quiet=False, dry=True)
-    return replace(order, model=read_model_file(model)) if model else order
 
 
 def _lines(order: "Order", expected: "Mapping[Stage, Load]", most: int | None) -> list[str]:

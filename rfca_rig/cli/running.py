@@ -16,10 +16,11 @@ from rfca_rig.cli.terminal import Say, marked, progress_bar
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.run import Supervision, run_plan
 from rfca_rig.errors import RigError
+from rfca_rig.own_process import can_be_started
 from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.ballast import check_room
 from rfca_rig.recording.keeper import DirectKeeper, Keeper
-from rfca_rig.recording.process_keeper import ProcessKeeper, can_be_started
+from rfca_rig.recording.process_keeper import ProcessKeeper
 
 
 def carry_out(order: Order, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path | None, Recorder | None]:

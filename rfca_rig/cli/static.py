@@ -1,6 +1,5 @@
 """rfca-rig static"""
 
-from dataclasses import replace
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -41,36 +40,13 @@ def run(
 
     Example: rfca-rig static run
     """
-    from rfca_rig.cli.order import Order
-    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.ordering import Asked, order_of
     from rfca_rig.cli.running import carry_out
-    from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.protocol_file import read_static
-    from rfca_rig.description.rig_file import read_rig
-    from rfca_rig.description.toml import read_text
     from rfca_rig.protocol.experiments import static_plan
 
-    rig_path, protocol_path = find_file("calibration", rig), find_file("protocols", protocol)
-    rig_file = read_rig(rig_path)
-    plan = static_plan(read_static(protocol_path).static_stages(), rig_file.facts())
-    supposed, model_text = (read_model_file(model), read_text(model)) if model else (None, "")
-    order = Order(
-        rig_file,
-        read_text(rig_path),
-        read_text(protocol_path),
-        plan,
-        seed,
-        runs,
-        as_json,
-        dry_run,
-        supposed,
-        model_text,
-        rig_name=rig,
-        operator=operator,
-        sample=sample,
-    )
-    if rig_file.camera and plan.photos:
-        order = replace(order, eye=rig_file.eye(), camera_text=read_text(Path(rig_file.camera.calibration_file)))
+    asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json)
+    order = order_of(asked, lambda path, facts: static_plan(read_static(path).static_stages(), facts))
     folder, recorder = carry_out(order, say_stage)
     if folder is None or recorder is None:
         return

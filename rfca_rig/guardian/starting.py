@@ -10,11 +10,6 @@ from rfca_rig.guardian.process import Assignment, guard
 MODULE = "rfca_rig.guardian.starting"
 
 
-def can_be_started() -> bool:
-    """Whether this system lets a process inherit a socket."""
-    return sys.platform != "win32"
-
-
 def started(assignment: Assignment) -> tuple[subprocess.Popen[bytes], Connection]:
     """The process, and the way to talk to it."""
     return own_process.started(MODULE, assignment)

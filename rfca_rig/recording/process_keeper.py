@@ -1,7 +1,6 @@
 """The control loop's end of the recorder process: handing over costs microseconds, and nothing is ever lost in silence."""
 
 import subprocess
-import sys
 from itertools import count
 from pathlib import Path
 
@@ -19,11 +18,6 @@ PATIENT_QUEUE_BYTES = 1 << 20  # less than the ballast: a rig faster than real t
 STARTED_WITHIN_S = 30.0
 FINISHED_WITHIN_S = 120.0
 PAUSE_S = 0.002
-
-
-def can_be_started() -> bool:
-    """Whether this system lets a process inherit a socket."""
-    return sys.platform != "win32"
 
 
 class ProcessKeeper:

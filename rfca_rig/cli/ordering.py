@@ -1,0 +1,61 @@
+"""From the options that every run command takes to its order."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from rfca_rig.cli.order import Order
+from rfca_rig.cli.places import find_file
+from rfca_rig.description.model_file import read_model_file
+from rfca_rig.description.rig_file import RigFile, read_rig
+from rfca_rig.description.toml import read_text
+from rfca_rig.protocol.experiments import RigFacts
+from rfca_rig.protocol.plan import Plan
+from rfca_rig.vision.leg_photo import Eye
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The options as typed: names or paths of rig and protocol, a model in place of the believed one, where runs go, who and what."""
+
+    rig: str
+    protocol: str
+    model: Path | None
+    runs: Path
+    seed: int | None = None
+    operator: str = ""
+    sample: str = ""
+    is_dry: bool = False
+    is_quiet: bool = False
+
+
+def order_of(asked: Asked, plan_of: Callable[[Path, RigFacts], Plan]) -> Order:
+    """`plan_of` reads the protocol's file into the plan of a rig. Raises BadInput for whatever cannot be used."""
+    rig_path, protocol_path = find_file("calibration", asked.rig), find_file("protocols", asked.protocol)
+    rig = read_rig(rig_path)
+    plan = plan_of(protocol_path, rig.facts())
+    eye, camera_text = _eye(rig, plan)
+    return Order(
+        rig=rig,
+        rig_text=read_text(rig_path),
+        protocol_text=read_text(protocol_path),
+        plan=plan,
+        seed=asked.seed,
+        runs=asked.runs,
+        quiet=asked.is_quiet,
+        dry=asked.is_dry,
+        model=read_model_file(asked.model) if asked.model else None,
+        model_text=read_text(asked.model) if asked.model else "",
+        eye=eye,
+        camera_text=camera_text,
+        rig_name=asked.rig,
+        operator=asked.operator,
+        sample=asked.sample,
+    )
+
+
+def _eye(rig: RigFile, plan: Plan) -> tuple[Eye | None, str]:
+    """The camera's calibration, and its text, where photos are to be taken."""
+    if rig.camera is None or not plan.photos:
+        return None, ""
+    return rig.eye(), read_text(Path(rig.camera.calibration_file))
