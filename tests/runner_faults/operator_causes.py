@@ -25,7 +25,7 @@ def _shut_down(rig: FaultyRig) -> None:
 
 
 OPERATOR_CAUSES = (
-    Cause("^C", "operator", "^C once: on to the next safe point", "Stopped", lambda rig: press(rig, 1), by_press=True, within_ms=1200),
+    Cause("^C", "operator", "^C once: on to the next safe point", "Stopped", lambda rig: press(rig, 1), by_press=True, within_ms=1400),
     Cause("^C ^C", "operator", "^C twice: now", "Stopped", lambda rig: press(rig, 2), by_press=True, within_ms=30),
     Cause("^C ^C ^C", "operator", "^C three times", "Stopped", lambda rig: press(rig, 3), by_press=True, within_ms=30),
     Cause(
