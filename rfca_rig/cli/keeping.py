@@ -68,6 +68,8 @@ def _put_together(order: Order, run: Kept) -> None:
     known = {
         **provenance.ended(run.bench, run.outcome, recorder.worst_gap_s),
         "ended_in_stage": recorder.where,
+        "standstill": recorder.standstill.text(),
+        "tare_drift": recorder.tare_drift(),
         **provenance.devices(run.bench),
         **provenance.streams(run.bench),
         "recorder_samples": f"{recorder.samples} handed over, {recorder.refused} refused",

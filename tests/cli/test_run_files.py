@@ -3,6 +3,7 @@
 import getpass
 import hashlib
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -76,6 +77,8 @@ def test_a_run_says_where_it_comes_from(here, monkeypatch, capsys):
     assert [stage["stage"] for stage in json.loads(known["plan"])].count("Flap") == 1
     assert json.loads(known["limits"])["force_N"] == 300.0
     assert float(known["worst_loop_gap_ms"]) == pytest.approx(10.0, abs=0.1)
+    assert re.fullmatch(r"the shaft turned by [\d.]+ deg after the torque was gone, and .*", known["standstill"])
+    assert re.fullmatch(r"0\.\d+ N, 0\.\d+ N m from the first rest in the air to the last", known["tare_drift"])
     events = [json.loads(line) for line in known["events"].splitlines()]
     told = ["run begins", "tare", "stage begins", "stage recorded", "motor off", "run ends"]
     assert [event["event"] for event in events if event["event"] != "first stroke"] == told
