@@ -4,7 +4,8 @@ from collections.abc import Mapping
 
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.plan import Approach, Limits, Stage
+from rfca_rig.protocol.cycles import Cycles
+from rfca_rig.protocol.plan import Approach, Flap, Limits, Stage
 from rfca_rig.trip_codes import Trip
 
 
@@ -18,9 +19,8 @@ class Approaches:
     def __init__(self, limits: Limits, expected: Mapping[Stage, Load]) -> None:
         self._limits = limits
         self._expected = expected
-        self._at_full = {
-            (stage.height_m, getattr(stage, "speed_rad_s", 0.0)): load for stage, load in expected.items() if hasattr(stage, "height_m")
-        }
+        strokes = [(stage, load) for stage, load in expected.items() if isinstance(stage, Flap | Cycles)]
+        self._at_full = {(stage.height_m, stage.speed_rad_s): load for stage, load in strokes}
         self._seen: dict[tuple[float, float], list[tuple[float, Load]]] = {}
 
     def take(self, stage: Approach, peak: Load) -> None:

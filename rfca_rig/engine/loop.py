@@ -49,11 +49,6 @@ class Loop:
         return self._tick_s
 
     @property
-    def force_N(self) -> np.ndarray:
-        """(3,) mean over the records of the last tick that brought any."""
-        return self._wrench[:3]
-
-    @property
     def wrench(self) -> np.ndarray:
         """(6,) mean force [N] and moment [N m] over the records of the last tick that brought any."""
         return self._wrench
