@@ -104,7 +104,8 @@ def test_a_dry_run_leaves_nothing(here, monkeypatch, capsys):
 def test_a_static_run_records_settled_stages(here, monkeypatch, capsys):
     protocol = here / "short.toml"
     text = (Path(__file__).parents[2] / "protocols" / "static-angle.toml").read_text()
-    protocol.write_text(text.replace("[215.0, 235.0]", "[235.0]").split("[[stages]]\nangle_deg = 90.0")[0])
+    brisk = text.replace("[215.0, 235.0]", "[235.0]").replace("move_speed_rad_s = 0.4", "move_speed_rad_s = 1.6")
+    protocol.write_text(brisk.split("[[stages]]\nangle_deg = 90.0")[0])
     said = typed(monkeypatch, capsys, "static", "run", "--protocol", protocol, "--json")
     assert said.exit_code == 0
     stages = json.loads(said.out)["stages"]

@@ -240,6 +240,7 @@ def test_a_part_that_records_nothing_leaves_the_run_with_what_it_had(stopped, mo
 
 def test_a_static_run_goes_on_with_its_photos_numbered_on_and_all_of_them_read(here, monkeypatch, capsys):
     head = (ROOT / "protocols" / "static-angle.toml").read_text().partition("[[stages]]")[0].replace("[215.0, 235.0]", "[235.0]")
+    head = head.replace("move_speed_rad_s = 0.4", "move_speed_rad_s = 1.6")
     (here / "stages.toml").write_text(head + "".join(f"[[stages]]\nangle_deg = {angle}\n" for angle in (60.0, 75.0)))
     assert typed(monkeypatch, capsys, "static", "run", "--protocol", "stages.toml").exit_code == 0
     (run,) = (here / "runs").iterdir()
