@@ -76,3 +76,23 @@ class TwinClock:
             self._now_s = t_s
             for process in self._worlds:
                 process(t_s)
+
+
+HURRIES_S = 0.1
+
+
+class WatchedTwinClock(TwinClock):
+    """The same for somebody who looks on: rig time passes at `pace` times real time at most. What happens is the same to the last bit."""
+
+    def __init__(self, pace: float = 1.0) -> None:
+        super().__init__()
+        self._pace = pace
+        self._wall = WallClock()
+        self._behind_s = 0.0
+
+    def wait_until(self, t_s: float) -> None:
+        """A simulation that was held up hurries for at most a blink afterwards, and is late for good by the rest."""
+        super().wait_until(t_s)
+        due_s = t_s / self._pace
+        self._behind_s = max(self._behind_s, self._wall.now_s() - due_s - HURRIES_S)
+        self._wall.wait_until(due_s + self._behind_s)

@@ -47,6 +47,7 @@ def test_the_whole_job_ends_in_a_report_and_the_snippet_reads_its_recording(clon
     assert told.out.splitlines()[:2] == re.search(r"```text\n(NAMED.*?)\nmotor", README, re.DOTALL)[1].splitlines()
     (effect,) = json.loads((clone / "diagnosis" / "diagnosis.json").read_text())["effects"]
     assert effect["id"] == "motor_speed_droop"
+    assert typed(monkeypatch, capsys, "runs", "--verdict", "motor_speed_droop", "--paths").out == "runs/SIM-table-ii-001\n"
     assert effect["parameters"]["kp_Nm_s_per_rad"]["value"] == pytest.approx(8.0, rel=0.06)
     assert effect["parameters"]["ki_Nm_per_rad"]["value"] == pytest.approx(60.0, rel=0.02)
     snippet = re.search(r"```python\n(.*?)```", README, re.DOTALL)[1]

@@ -7,6 +7,7 @@ and E I / k0, over which it must bend if the fitted k0 is its doing alone. A thi
 break, beside the largest torque of a hinge. What exceeds it, the strips cannot be carrying.
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 
@@ -19,12 +20,21 @@ from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.equivalent_stiffness import EncasedStrip, by_its_middle, centred_lay
 from rfca_rig.model.parameters import Leg, RigModel
 from rfca_rig.model.strip import Material, Strip, paper_strips, table_1_materials
+from rfca_rig.progress import Watcher, counted, unwatched
 
 Floats = NDArray[np.float64]
 
 THICKNESSES_M = (0.8e-3, 0.3e-3)
 SWEEP_DEG = 200.0
-COLUMN_WIDTHS = (5, 5, 9, 9, 10, 10, 10, 10, 7, 8, 8, 16)
+STRIP_COLUMNS = (
+    ("density", "g/cm3", 9),
+    ("E", "GPa", 9),
+    ("strength", "MPa", 10),
+    ("EI", "N m2", 10),
+    ("K", "N m/rad", 10),
+    ("k0", "N m/rad", 10),
+)
+STROKE_COLUMNS = (("valley", "s", 8), ("fz", "N", 9), ("angle", "deg", 8), ("strain", "%", 8), ("stress", "MPa", 8), ("used", "%", 17))
 FITTED = ("CFSP", 0.8e-3)
 
 
@@ -37,11 +47,6 @@ class StrokeWith:
     no_valley: str | None
     largest_angle_rad: float | None
     largest_torque_Nm: float | None
-
-    def outcome(self) -> str:
-        """In words."""
-        found = self.valley_fz_N is not None and self.valley_time_s is not None
-        return f"{self.valley_time_s:.3f} s, {self.valley_fz_N:.2f} N" if found else f"no valley: {self.no_valley}"
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,10 @@ class StripRow:
         """Whether the strip lives, as far as known."""
         return "strain not known" if self.strain is None else self.strain.verdict()
 
+    def said(self) -> str:
+        """The same, and why there is no valley."""
+        return self.verdict() if self.stroke.no_valley is None else f"{self.verdict()}; no valley: {self.stroke.no_valley}"
+
 
 @dataclass(frozen=True)
 class StripComparison:
@@ -104,24 +113,26 @@ class StripComparison:
         return {**asdict(self), "rows": [{**asdict(row), "verdict": row.verdict()} for row in self.rows]}
 
     def lines(self) -> list[str]:
-        """The table for a person."""
+        """Two tables for a person, 80 columns wide, and what is to be said of each strip."""
         return [
-            f"two strips of 226 x 25.4 mm; stroke of {1e3 * self.height_m:g} mm, {self.speed_rad_s:g} rad/s, with k0 in proportion to EI",
-            f"strength used: bending over {1e3 * self.pitch_m:.1f} mm at each hinge / over {1e3 * self.concentrated_m:.1f} mm / by torque",
-            _heading("", "t", "density", "E", "strength", "EI", "K", "k0", "angle", "strain", "stress", "used"),
-            _heading("", "mm", "g/cm3", "GPa", "MPa", "N m2", "N m/rad", "N m/rad", "deg", "%", "MPa", "%") + "  valley; strip",
-            *(_line(row) for row in self.rows),
+            "two strips of 226 x 25.4 mm, and k0 in proportion to EI:",
+            *_table(STRIP_COLUMNS, [_strip_cells(row) for row in self.rows]),
+            f"stroke of {1e3 * self.height_m:g} mm, {self.speed_rad_s:g} rad/s:",
+            *_table(STROKE_COLUMNS, [_stroke_cells(row) for row in self.rows]),
+            f"strength used: spread over {1e3 * self.pitch_m:.1f} mm at each hinge / over {1e3 * self.concentrated_m:.1f} mm / by torque",
+            *(f"{_name(row)}  {row.said()}" for row in self.rows),
         ]
 
 
-def compare_strips(rig: RigModel, height_m: float, speed_rad_s: float) -> StripComparison:
+def compare_strips(rig: RigModel, height_m: float, speed_rad_s: float, told: Watcher = unwatched) -> StripComparison:
     """The four materials of Table I at 0.8 and 0.3 mm, in the leg of `rig`, whose k0 is taken to be that of the 0.8 mm CFSP.
 
     Raises BadInput where the strip does not fit the leg. A strip with which the model cannot be computed keeps its row and says so.
     """
     materials = {material.name: material for material in table_1_materials()}
     fitted = paper_strips(materials[FITTED[0]], FITTED[1])
-    rows = tuple(_row(rig, paper_strips(m, t), fitted, height_m, speed_rad_s) for t, m in product(THICKNESSES_M, materials.values()))
+    every = list(product(THICKNESSES_M, materials.values()))
+    rows = tuple(_row(rig, paper_strips(m, t), fitted, height_m, speed_rad_s) for t, m in counted(every, told))
     return StripComparison(height_m, speed_rad_s, _pitch_m(rig.leg), fitted.bending_stiffness_Nm2 / rig.leg.k0_Nm_per_rad, rows)
 
 
@@ -182,20 +193,33 @@ def _stroke(rig: RigModel, height_m: float, speed_rad_s: float) -> StrokeWith:
     return StrokeWith(None, None, valley.reason, angle, torque)
 
 
-def _heading(*names: str) -> str:
-    return "".join(f"{name:>{width}}" for name, width in zip(names, COLUMN_WIDTHS, strict=True))
+def _name(row: StripRow) -> str:
+    return f"{row.material.name:4} {1e3 * row.thickness_m:3.1f} mm"
 
 
-def _line(row: StripRow) -> str:
+def _table(columns: Sequence[tuple[str, str, int]], rows: Sequence[Sequence[str]]) -> list[str]:
+    """`columns` are (name, unit, width) behind the strip's own."""
+    widths = [width for _, _, width in columns]
+    heads = [[name for name, _, _ in columns], [unit for _, unit, _ in columns]]
+    return [_line("", widths, head) for head in heads] + [_line(row[0], widths, row[1:]) for row in rows]
+
+
+def _line(name: str, widths: Sequence[int], cells: Sequence[str]) -> str:
+    return f"{name:11}" + "".join(f"{cell:>{width}}" for cell, width in zip(cells, widths, strict=True))
+
+
+def _strip_cells(row: StripRow) -> list[str]:
     m = row.material
-    table_1 = f"{m.density_kg_m3 / 1e3:9.2f}{m.youngs_modulus_Pa / 1e9:9.3f}{m.bending_strength_Pa / 1e6:10.0f}"
-    stiffness = f"{row.EI_Nm2:10.3g}{row.hinge_Nm_per_rad:10.3g}{row.k0_Nm_per_rad:10.3g}"
-    return f"{m.name:5}{1e3 * row.thickness_m:5.1f}{table_1}{stiffness}{_strain_columns(row)}  {row.stroke.outcome()}; {row.verdict()}"
+    table_1 = [f"{m.density_kg_m3 / 1e3:.2f}", f"{m.youngs_modulus_Pa / 1e9:.3f}", f"{m.bending_strength_Pa / 1e6:.0f}"]
+    return [_name(row), *table_1, f"{row.EI_Nm2:.3g}", f"{row.hinge_Nm_per_rad:.3g}", f"{row.k0_Nm_per_rad:.3g}"]
 
 
-def _strain_columns(row: StripRow) -> str:
-    strain, angle = row.strain, row.stroke.largest_angle_rad
+def _stroke_cells(row: StripRow) -> list[str]:
+    strain, angle, stroke = row.strain, row.stroke.largest_angle_rad, row.stroke
+    found = stroke.valley_time_s is not None and stroke.valley_fz_N is not None
+    valley = [f"{stroke.valley_time_s:.3f}", f"{stroke.valley_fz_N:.2f}"] if found else ["-", "-"]
     if strain is None or angle is None:
-        return f"{'-':>7}{'-':>8}{'-':>8}{'-':>16}"
+        return [_name(row), *valley, "-", "-", "-", "-"]
     used = f"{100 * strain.share_spread:.0f} / {100 * strain.share_concentrated:.0f} / {100 * strain.share_torque:.0f}"
-    return f"{np.degrees(angle):7.1f}{100 * strain.strain_spread:8.2f}{strain.stress_spread_Pa / 1e6:8.1f}{used:>16}"
+    bent = [f"{np.degrees(angle):.1f}", f"{100 * strain.strain_spread:.2f}", f"{strain.stress_spread_Pa / 1e6:.1f}"]
+    return [_name(row), *valley, *bent, used]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.errors import BadInput
+from rfca_rig.nearest import not_there
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.protocol.remaining import Done
 from rfca_rig.protocol.written_plan import plan_of
@@ -57,7 +58,10 @@ def read_begun(folder: Path) -> Begun:
     those of its plan.
     """
     if not run_folder.is_run(folder):
-        raise BadInput(f"{folder}: holds no run that could go on")
+        what = (
+            f"{folder}: holds no run that could go on; rfca-rig runs --ended stopped lists some" if folder.exists() else not_there(folder)
+        )
+        raise BadInput(what)
     header = read_header(folder)
     run_folder.close_journals(folder)
     events, found = events_of(folder), run_folder.read_stages(folder)

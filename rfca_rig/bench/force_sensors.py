@@ -11,7 +11,14 @@ from rfca_rig.acquisition.acquired import AcquiredDatagrams
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.codecs.ati_calibration import Calibration, parse_calibration
 from rfca_rig.codecs.ati_serial import LARGEST_COUNT
-from rfca_rig.description.force_sensor_sections import AtiDaqSection, AtiSerialSection, NetFtSection
+from rfca_rig.description.force_sensor_sections import (
+    AtiDaqSection,
+    AtiSerialSection,
+    ForceSensorKeys,
+    NetFtSection,
+    OwnForceSensorSection,
+)
+from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.drivers.ati_serial import AtiSerialSensor
 from rfca_rig.drivers.daq_ft import DaqFtSensor, DaqFtSettings
@@ -49,6 +56,17 @@ def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> Force
             gages = NidaqmxGages(sensor.channels, sensor.rate_Hz, calibration.rails_V)
             stack.callback(gages.stop)
             return DaqFtSensor(gages, clock, calibration, DaqFtSettings(sensor.rate_Hz, sensor.unloaded_V))
+        case OwnForceSensorSection():
+            keys = _loaded(sensor)
+            way = keys.open()
+            stack.callback(way.close)
+            return keys.driver(way, clock)
+
+
+def _loaded(sensor: OwnForceSensorSection) -> ForceSensorKeys:
+    if isinstance(sensor, ForceSensorKeys):
+        return sensor
+    raise BadInput(f"{sensor.file} was not loaded; read the rig file from where it stands")
 
 
 @dataclass(frozen=True)
@@ -59,12 +77,15 @@ class SensorPair:
     driver: Callable[[Clock], ForceSensor]
 
 
-def make_sensor_pair(rig: RigFile, twin: TwinSection, random: np.random.Generator) -> SensorPair:
-    """The twin that [force_sensor] names on a wire of its own, all in this process. `random` is the sensor's noise."""
+def make_sensor_pair(rig: RigFile, twin: TwinSection, random: np.random.Generator, on_link: Callable[[Link], Link]) -> SensorPair:
+    """The twin that [force_sensor] names on a wire of its own, all in this process. `random` is the sensor's noise.
+
+    `on_link` puts whatever happens on a network between the twin and its link.
+    """
     sensor = rig.force_sensor
     match sensor:
         case NetFtSection():
-            return _netft_pair(sensor, twin, random)
+            return _netft_pair(sensor, twin, random, on_link)
         case AtiSerialSection():
             host, device = serial_line()
             serial_twin = AtiSerialTwin(device, _serial_twin(sensor, twin), random)
@@ -74,12 +95,15 @@ def make_sensor_pair(rig: RigFile, twin: TwinSection, random: np.random.Generato
             gages = DaqFtTwin(calibration, DaqFtTwinSettings(sensor.rate_Hz, sensor.unloaded_V, _noise_std(twin)), random)
             settings = DaqFtSettings(sensor.rate_Hz, sensor.unloaded_V)
             return SensorPair(gages, lambda clock: DaqFtSensor(gages, clock, calibration, settings))
+        case OwnForceSensorSection():
+            keys, (host, device) = _loaded(sensor), serial_line()
+            return SensorPair(twin_of(keys)(device, keys, _noise_std(twin), random), lambda clock: keys.driver(host, clock))
 
 
-def _netft_pair(sensor: NetFtSection, twin: TwinSection, random: np.random.Generator) -> SensorPair:
+def _netft_pair(sensor: NetFtSection, twin: TwinSection, random: np.random.Generator, on_link: Callable[[Link], Link]) -> SensorPair:
     here, there = datagram_link()
     settings = _netft_twin(sensor, twin)
-    streaming = NetFtTwin(there, settings, random)
+    streaming = NetFtTwin(on_link(there), settings, random)
     box = None if sensor.configuration == "unchecked" else NetFtBoxTwin(streaming, settings)
     return SensorPair(streaming, lambda clock: NetFtSensor(here, clock, _netft(sensor), box))
 

@@ -11,6 +11,7 @@ from rfca_rig.description.camera_sections import MarksSection
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.description.toml import model_of, read_text
 from rfca_rig.errors import BadInput
+from rfca_rig.progress import Watcher, unwatched
 from rfca_rig.recording.form import Recording
 from rfca_rig.recording.picture import FOLDER
 from rfca_rig.vision.leg_photo import Eye
@@ -38,7 +39,7 @@ def _marks(recording: Recording) -> MarksSection:
     return rig.camera.marks if rig.camera else MarksSection()
 
 
-def with_hand_photos(recording: Recording, photos: Sequence[Path], eye: Eye, run_folder: Path) -> Recording:
+def with_hand_photos(recording: Recording, photos: Sequence[Path], eye: Eye, run_folder: Path, told: Watcher = unwatched) -> Recording:
     """The recording with its stages' angles from the photos, in the stages' order; copies and overlays go into `run_folder`.
 
     Raises BadInput where there is not one photo for each stage.
@@ -52,5 +53,5 @@ def with_hand_photos(recording: Recording, photos: Sequence[Path], eye: Eye, run
         shutil.copyfile(photo, run_folder / name)
         unread = (float("nan"),) * len(stage.hinge_deg)
         stages.append(replace(stage, hinge_deg=unread, hinge_std_deg=(), photo=name, overlay="", photo_doubts=""))
-    read = read_stage_photos(stages, run_folder, eye)
+    read = read_stage_photos(stages, run_folder, eye, told)
     return replace(recording, static=read, provenance={**recording.provenance, **photo_hashes(run_folder)})

@@ -1,6 +1,6 @@
 """Opens the bench a rig file describes: the real devices, or their twins on wires of their own."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
@@ -12,10 +12,12 @@ from rfca_rig.bench.force_sensors import make_force_sensor, make_sensor_pair
 from rfca_rig.bench.leg_plant import LegPlant, Scatter
 from rfca_rig.bench.motors import make_motor, make_motor_twin, open_commanding_bus
 from rfca_rig.bench.racks import HandRack, TwinRack
+from rfca_rig.bench.twin_faults import Mishaps
 from rfca_rig.clock import TwinClock, WallClock
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.engine.bench import Bench
 from rfca_rig.errors import BadInput, DeviceError
+from rfca_rig.twin_server.agenda import Switching
 from rfca_rig.twins.can_wire import can_wire
 from rfca_rig.twins.motor import MotorTwin
 from rfca_rig.twins.sensor import SensorTwin
@@ -26,16 +28,19 @@ FIRST_HEIGHT_M = 0.25  # where the twin's rack stands until a plan sets it
 
 
 @contextmanager
-def open_bench(rig: RigFile, seed: int | None, eye: Eye | None = None) -> Iterator[Bench]:
+def open_bench(
+    rig: RigFile, seed: int | None, eye: Eye | None = None, twin_clock: TwinClock | None = None, faults: Sequence[Switching] = ()
+) -> Iterator[Bench]:
     """The devices, open for the length of the block. `seed` decides all randomness of a twin; None on a real rig.
 
-    With `eye`, the rig file's own, the camera too.
+    With `eye`, the rig file's own, the camera too. `twin_clock` is for a twin whose time is to pass otherwise than as fast as it can,
+    `faults` happen to a twin, by its own clock.
     """
     with ExitStack() as stack:
         if rig.is_real:
             yield _real_bench(rig, eye, stack)
         elif rig.twin is not None and seed is not None:
-            yield _twin_bench(rig, rig.twin, seed, eye, stack)
+            yield _twin_bench(rig, rig.twin, seed, eye, twin_clock or TwinClock(), Mishaps(rig, faults), stack)
         else:
             raise BadInput(f"{rig.rig.title}: a twin needs a [twin] section and a seed")
 
@@ -45,18 +50,20 @@ def _real_bench(rig: RigFile, eye: Eye | None, stack: ExitStack) -> Bench:
     try:
         bus = stack.enter_context(open_commanding_bus(rig, clock))
     except (can.CanError, OSError, ValueError) as error:
-        raise DeviceError(f"CAN bus {motor.interface} {motor.channel} cannot be opened: {error}; check [motor] in the rig file") from error
+        raise DeviceError(
+            f"CAN bus {motor.interface} {motor.channel} cannot be opened: {error}; check [motor] in the rig file, "
+            "rfca-rig doctor --rig FILE says more"
+        ) from error
     camera = make_camera(rig.camera, eye, clock, stack) if rig.camera and eye else None
     return Bench(make_motor(rig, bus, clock), make_force_sensor(rig, clock, stack), HandRack(), clock, True, camera)
 
 
-def _twin_bench(rig: RigFile, twin: TwinSection, seed: int, eye: Eye | None, stack: ExitStack) -> Bench:
-    clock = TwinClock()
+def _twin_bench(rig: RigFile, twin: TwinSection, seed: int, eye: Eye | None, clock: TwinClock, mishaps: Mishaps, stack: ExitStack) -> Bench:
     drivers_end, twins_end = stack.enter_context(can_wire())
     noise, chance = _randomness(seed)
-    pair = make_sensor_pair(rig, twin, noise)
-    twins = _put_together(rig, twin, chance, twins_end, pair.twin)
-    clock.carry(twins.world.process)
+    pair = make_sensor_pair(rig, twin, noise, mishaps.on_link)
+    twins = _put_together(rig, twin, chance, mishaps.on_bus(twins_end), pair.twin)
+    clock.carry(mishaps.befalling(twins.world.process, twins.motor))
     camera = make_twin_camera(eye, twins.plant, twin.camera, np.random.default_rng([seed, 2]), clock) if eye else None
     return Bench(make_motor(rig, drivers_end, clock), pair.driver(clock), TwinRack(twins.plant), clock, False, camera)
 

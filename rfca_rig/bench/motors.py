@@ -4,7 +4,16 @@ import can
 
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.codecs.odrive_messages import Dialect
-from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, MotorSection, OdriveSection
+from rfca_rig.description.motor_sections import (
+    CubemarsMitSection,
+    CubemarsServoSection,
+    MoteusSection,
+    MotorKeys,
+    MotorSection,
+    OdriveSection,
+    OwnMotorSection,
+)
+from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile, TwinDriveSection
 from rfca_rig.drivers.can_bus import CanBusSettings
 from rfca_rig.drivers.cubemars_last_word import MitLastWord, ServoLastWord
@@ -25,10 +34,12 @@ from rfca_rig.twins.motor import MotorTwin
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.speed_loop import LoopGains
 
+USUAL_WATCHDOG_S = 0.1
+
 
 def open_bus(motor: MotorSection) -> can.BusABC:
     """The bus that [motor] names, to be shut by the caller. Raises what python-can raises."""
-    return _bus(motor).open()
+    return motor.open() if isinstance(motor, MotorKeys) else _bus(motor).open()
 
 
 def _bus(motor: MotorSection) -> CanBusSettings:
@@ -72,6 +83,10 @@ def make_motor(rig: RigFile, bus: can.BusABC, clock: Clock) -> ShaftMotor:
             return CubemarsServoMotor(bus, clock, _servo(motor, timeout_s), guard)
         case MoteusSection():
             return MoteusMotor(bus, clock, _moteus(motor, timeout_s))
+        case MotorKeys():
+            return motor.driver(bus, clock, timeout_s)
+        case OwnMotorSection():
+            raise BadInput(f"{rig.rig.title}: {motor.file} was not loaded; read the rig file from where it stands")
 
 
 def make_motor_twin(rig: RigFile, drive: TwinDriveSection, bus: can.BusABC) -> MotorTwin:
@@ -86,6 +101,9 @@ def make_motor_twin(rig: RigFile, drive: TwinDriveSection, bus: can.BusABC) -> M
             return CubemarsServoTwin(bus, _servo_twin(motor, drive))
         case MoteusSection():
             return MoteusTwin(bus, _moteus_twin(motor, drive))
+        case OwnMotorSection():
+            twin: MotorTwin = twin_of(motor)(bus, motor, _gains(drive), USUAL_WATCHDOG_S)
+            return twin
 
 
 def _odrive(motor: OdriveSection, timeout_s: float) -> OdriveSettings:

@@ -15,6 +15,7 @@ from rfca_rig.clock import Clock
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, ShaftSamples
 from rfca_rig.engine.sink import Cycle, Recorded
 from rfca_rig.engine.stopping import UNSEEN, Standstill
+from rfca_rig.progress import Watcher, unwatched
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.plan import Approach, Flap, Hold
@@ -123,9 +124,9 @@ class Recorder:
     def _clocks(self) -> Mapping[str, str | float]:
         return {"t_s": round(self._paired_s, 6), "utc": self._clock.wall_time().isoformat()}
 
-    def read_photos(self, run_folder: Path, eye: Eye) -> None:
+    def read_photos(self, run_folder: Path, eye: Eye, told: Watcher = unwatched) -> None:
         """Puts what the photos show into `stages`. For when nothing moves any more, and the keeper has finished."""
-        self.stages = list(read_stage_photos(self.stages, run_folder, eye))
+        self.stages = list(read_stage_photos(self.stages, run_folder, eye, told))
 
 
 def stroke_of(stage: Flap, recorded: Recorded, scale: SensorScale) -> Stroke:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.bench.begun import Begun
+from rfca_rig.description.own_devices import texts_of
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.description.toml import model_of, read_text
 from rfca_rig.errors import BadInput
@@ -30,7 +31,7 @@ def rig_to_go_on(begun: Begun, path: Path, deliberately: bool) -> RigNow:
     """
     now, text = read_rig(path), read_text(path)
     before = model_of(begun.header.provenance["rig_file"], RigFile, begun.folder / "rig_file")
-    changes = _changes(before, model_of(text, RigFile, path))
+    changes = {**_changes(before, model_of(text, RigFile, path)), **_other_drivers(begun, now)}
     fixed = [key for key in changes if key.startswith(FIXED)]
     if fixed:
         raise BadInput(f"{path}: {_named(fixed)} not as the run began with; one run has one belief, so begin a new one")
@@ -47,6 +48,12 @@ def _named(keys: list[str]) -> str:
 def _changes(before: RigFile, now: RigFile) -> dict[str, str]:
     was, stands = (dict(_flat(rig.model_dump(mode="json"), "")) for rig in (before, now))
     return {key: str(stands.get(key, "gone")) for key in sorted({*was, *stands}) if was.get(key) != stands.get(key)}
+
+
+def _other_drivers(begun: Begun, now: RigFile) -> dict[str, str]:
+    """Files of own devices that do not read as they did, as they read now."""
+    before = begun.header.provenance
+    return {name: text for name, text in texts_of(now.motor, now.force_sensor).items() if before.get(name, text) != text}
 
 
 def _flat(values: Mapping[str, Any], above: str) -> list[tuple[str, Any]]:

@@ -5,7 +5,8 @@ from contextlib import ExitStack, contextmanager
 
 from rfca_rig.bench.make import Twins, make_twins
 from rfca_rig.bench.openings import Openings, Reached
-from rfca_rig.bench.served_devices import ServedSensor, dialect_of, events_of, faults_of
+from rfca_rig.bench.served_devices import ServedSensor
+from rfca_rig.bench.twin_faults import dialect_of, events_of, served_faults_of
 from rfca_rig.clock import Clock
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.errors import BadInput
@@ -59,7 +60,7 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
     """
     if rig.twin is None or rig.is_real:
         raise BadInput(f"{rig.rig.title}: only a rig of kind 'twin' with a [twin] section can be served")
-    panel, wire, reached = FaultPanel(faults_of(rig)), SharedWire("twin CAN wire"), Reached()
+    panel, wire, reached = FaultPanel(served_faults_of(rig)), SharedWire("twin CAN wire"), Reached()
     with ExitStack() as stack:
         sensor = ServedSensor(rig, openings, panel, reached, stack)
         _open_can(wire, openings, clock, reached, stack)

@@ -1,6 +1,5 @@
-"""Which openings and which faults the devices of a rig file have when they are served."""
+"""Which openings the devices of a rig file have when they are served."""
 
-from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 
 import numpy as np
@@ -8,66 +7,15 @@ import numpy as np
 from rfca_rig.bench.force_sensors import make_netft_twins, make_serial_twin
 from rfca_rig.bench.openings import Openings, Reached
 from rfca_rig.description.force_sensor_sections import AtiSerialSection, NetFtSection
-from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, OdriveSection
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.command_port import CommandPort
-from rfca_rig.twin_server.cubemars_faults import CUBEMARS_FAULTS, cubemars_events
-from rfca_rig.twin_server.faults import CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, Fault, FaultPanel
+from rfca_rig.twin_server.faults import FaultPanel
 from rfca_rig.twin_server.http_port import HttpPort
-from rfca_rig.twin_server.moteus_faults import MOTEUS_FAULTS, MoteusDialect, moteus_events
-from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
 from rfca_rig.twin_server.pseudo_terminal import PseudoTerminal
-from rfca_rig.twin_server.tampered_bus import Dialect, NoDialect
 from rfca_rig.twin_server.tampered_link import TamperedLink
 from rfca_rig.twin_server.udp_link import UdpLink
-from rfca_rig.twins.cubemars_mit import CubemarsMitTwin
-from rfca_rig.twins.cubemars_servo import CubemarsServoTwin
-from rfca_rig.twins.moteus import MoteusTwin
-from rfca_rig.twins.motor import MotorTwin
-from rfca_rig.twins.odrive import OdriveTwin
 from rfca_rig.twins.sensor import SensorTwin
-
-
-def faults_of(rig: RigFile) -> tuple[Fault, ...]:
-    """Every fault that this rig's devices can have."""
-    force = FORCE_FAULTS if isinstance(rig.force_sensor, NetFtSection) else ()
-    return (*force, *CAN_FAULTS, *_motor_faults(rig))
-
-
-def _motor_faults(rig: RigFile) -> tuple[Fault, ...]:
-    match rig.motor:
-        case OdriveSection():
-            return ODRIVE_FAULTS
-        case MoteusSection():
-            return MOTEUS_FAULTS
-        case CubemarsMitSection() | CubemarsServoSection():
-            return CUBEMARS_FAULTS
-        case _:
-            return ()
-
-
-def dialect_of(rig: RigFile) -> Dialect:
-    match rig.motor:
-        case OdriveSection():
-            return OdriveDialect()
-        case MoteusSection():
-            return MoteusDialect()
-        case _:
-            return NoDialect()
-
-
-def events_of(motor: MotorTwin) -> Mapping[str, Callable[[], None]]:
-    """What happens once inside the drive, by the name of the fault."""
-    match motor:
-        case OdriveTwin():
-            return odrive_events(motor)
-        case MoteusTwin():
-            return moteus_events(motor)
-        case CubemarsMitTwin() | CubemarsServoTwin():
-            return cubemars_events(motor)
-        case _:
-            return {}
 
 
 class ServedSensor:

@@ -11,6 +11,7 @@ from rfca_rig.description.rig_file import RigFile
 from rfca_rig.description.toml import model_of
 from rfca_rig.drivers.picture_file import read_picture
 from rfca_rig.errors import BadInput
+from rfca_rig.progress import Watcher, counted, unwatched
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.form import Recording, StaticStage
 from rfca_rig.recording.picture import FOLDER
@@ -24,12 +25,12 @@ OVERLAY_QUALITY = 90
 SHAFT_APART_DEG = 2.0  # a photo of another stage, or a drive or camera whose zero is not the other's
 
 
-def read_stage_photos(stages: Sequence[StaticStage], run_folder: Path, eye: Eye) -> tuple[StaticStage, ...]:
+def read_stage_photos(stages: Sequence[StaticStage], run_folder: Path, eye: Eye, told: Watcher = unwatched) -> tuple[StaticStage, ...]:
     """The stages with what their photos show.
 
     A photo that cannot be read leaves its stage without angles, and says so; stages without a photo stay as they are.
     """
-    return tuple(_with_photo_read(stage, run_folder, eye) if stage.photo else stage for stage in stages)
+    return tuple(_with_photo_read(stage, run_folder, eye) if stage.photo else stage for stage in counted(stages, told))
 
 
 def _with_photo_read(stage: StaticStage, run_folder: Path, eye: Eye) -> StaticStage:

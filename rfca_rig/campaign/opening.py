@@ -7,6 +7,7 @@ from rfca_rig.campaign.layout import FILE_NAME
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.believed import believed_model
 from rfca_rig.errors import BadInput
+from rfca_rig.nearest import not_there
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.form import Recording
 from rfca_rig.recording.older_partial import partial_of, read_partial
@@ -47,7 +48,7 @@ def _open(path: Path) -> Recording:
     if path.is_dir():
         return _open_folder(path)
     if not path.exists():
-        raise BadInput(f"{path}: is not there")
+        raise BadInput(not_there(path))
     if path.suffix != ".h5":
         raise BadInput(f"{path}: is not a recording; give a folder with {FILE_NAME} or {RECORDING_NAME}, or an .h5 file")
     return read_recording(path)

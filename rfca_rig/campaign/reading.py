@@ -13,10 +13,11 @@ from rfca_rig.campaign.static import Extra, read_stages
 from rfca_rig.description.sections import RigSections
 from rfca_rig.description.toml import place_of, read_text, read_toml
 from rfca_rig.errors import BadInput
+from rfca_rig.progress import Watcher, counted, unwatched
 from rfca_rig.recording.form import Recording, StaticStage, Stroke
 
 
-def read_campaign(folder: Path) -> Recording:
+def read_campaign(folder: Path, told: Watcher = unwatched) -> Recording:
     """The campaign in `folder`, its strokes and stages in the order of campaign.toml. Nothing is written.
 
     Raises BadInput, one line naming file, line and column, for the first thing that cannot be used as it stands.
@@ -33,14 +34,14 @@ def read_campaign(folder: Path) -> Recording:
         source="IMPORT",
         believed=_believed(campaign),
         known_to=campaign.known_to.model_dump(mode="json", exclude_unset=True),
-        strokes=_strokes(folder, campaign),
+        strokes=_strokes(folder, campaign, told),
         static=static,
         provenance=_provenance(folder, campaign, extra),
     )
 
 
-def _strokes(folder: Path, campaign: CampaignFile) -> tuple[Stroke, ...]:
-    return tuple(read_stroke(folder / run.file, run) for _, run in campaign.dynamic())
+def _strokes(folder: Path, campaign: CampaignFile, told: Watcher) -> tuple[Stroke, ...]:
+    return tuple(read_stroke(folder / run.file, run) for _, run in counted(list(campaign.dynamic()), told))
 
 
 def _stages(folder: Path, campaign: CampaignFile) -> tuple[tuple[StaticStage, ...], dict[str, Extra]]:

@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json, Rig
+from rfca_rig.cli.writable import out_file
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.crosscheck import CheckedCondition
@@ -17,7 +19,10 @@ def crosscheck(
         str, typer.Option("--protocol", metavar="NAME|FILE", help="A flapping protocol, for its heights and speeds.")
     ] = "table2",
     picture: Annotated[
-        Path | None, typer.Option("--picture", metavar="FILE", help="Draw both force curves and their difference: .svg, .png or .pdf.")
+        Path | None,
+        typer.Option(
+            "--picture", metavar="FILE", callback=out_file, help="Draw both force curves and their difference: .svg, .png or .pdf."
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -27,11 +32,13 @@ def crosscheck(
     """
     from rfca_rig.analysis.crosscheck import check_condition, check_own_contact
     from rfca_rig.analysis.mujoco_leg import load_mujoco
+    from rfca_rig.cli.first_compile import tell_first_compile
     from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.progress import progress
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput
-    from rfca_rig.model.compiled import is_warm
+    from rfca_rig.progress import counted
     from rfca_rig.report.crosscheck_picture import check_picture_path, write_crosscheck_picture
 
     load_mujoco()
@@ -42,10 +49,11 @@ def crosscheck(
         raise BadInput(f"{rig}: has effects switched on; MuJoCo computes the plain leg and ground only, take the [[effects]] out")
     plan = read_dynamic(find_file("protocols", protocol))
     conditions = plan.flapping().conditions
-    if not is_warm() and not as_json:
-        typer.echo("compiling the model, once on this machine, about ten seconds ...", err=True)
-    same_ground = [check_condition(model, one, plan.sweep_deg) for one in conditions]
-    own_contact = [check_own_contact(model, one, plan.sweep_deg) for one in conditions]
+    with progress(as_json) as bars:
+        tell_first_compile(bars, as_json)
+        alike, own = bars.counting("the same contact in both"), bars.counting("MuJoCo's own contact")
+        same_ground = [check_condition(model, one, plan.sweep_deg) for one in counted(conditions, alike)]
+        own_contact = [check_own_contact(model, one, plan.sweep_deg) for one in counted(conditions, own)]
     if picture is not None:
         write_crosscheck_picture(same_ground, picture)
     _say(same_ground, own_contact, as_json)
@@ -65,14 +73,17 @@ def _say(same_ground: "list[CheckedCondition]", own_contact: "list[CheckedCondit
         }
         typer.echo(json.dumps(answer, indent=1))
         return
-    typer.echo("contact force, difference from MuJoCo:   whole stroke   loading")
-    for one in same_ground:
-        typer.echo(f"  {one.label:<36} {_percent(one.stroke_pct)}  {_percent(one.loading_pct)}")
+    typer.echo(f"contact force, difference from MuJoCo\n{_table(same_ground)}", nl=False)
     typer.echo(f"average {average_pct(same_ground):.3f} %; the paper's model and RecurDyn: {PAPER_PCT:g} %")
-    typer.echo(f"with MuJoCo's own contact, ground {STIFFER:g} times as stiff (touchdown and release depend on the law of contact):")
-    for one in own_contact:
-        typer.echo(f"  {one.label:<36} {_percent(one.stroke_pct)}  {_percent(one.loading_pct)}")
+    print_lines([f"with MuJoCo's own contact, ground {STIFFER:g} times as stiff (touchdown and release depend on the law of contact):"])
+    typer.echo(_table(own_contact), nl=False)
 
 
-def _percent(value: float | None) -> str:
-    return f"{'no valley':>10}" if value is None else f"{value:8.3f} %"
+def _table(checked: "list[CheckedCondition]") -> str:
+    """A line for each condition; of one that never reaches a valley the loading is not known."""
+    from rfca_rig.report.table import Column, Row, Table
+    from rfca_rig.report.table_files import as_text
+
+    columns = (Column("condition"), Column("whole_stroke_pct", digits=3), Column("loading_pct", digits=3))
+    rows = ({"condition": one.label, "whole_stroke_pct": one.stroke_pct, "loading_pct": one.loading_pct} for one in checked)
+    return as_text(Table("crosscheck", "", columns, tuple(Row(row) for row in rows)))

@@ -1,13 +1,16 @@
 """rfca-rig diagnose"""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.options import Json, Rig, Runs, Seed
+from rfca_rig.cli.crews import Cluster, Workers
+from rfca_rig.cli.diagnosing_each import diagnose_each
+from rfca_rig.cli.options import Json, Pdf, Rig, Runs, Seed
+from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
     from rfca_rig.diagnosis.result import Diagnosis
@@ -18,15 +21,24 @@ if TYPE_CHECKING:
 def diagnose(
     paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, or .h5 files.")],
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for diagnosis.html, .json, model.toml, next-experiment.toml.")
+        Path,
+        typer.Option(
+            "--out", metavar="DIR", callback=out_folder, help="Folder for diagnosis.html, .json, model.toml, next-experiment.toml."
+        ),
     ] = Path("diagnosis"),
     close_the_loop: Annotated[
         bool, typer.Option("--close-the-loop", help="Run the proposed experiment on --rig and diagnose again, until nothing is open.")
     ] = False,
+    each: Annotated[
+        bool, typer.Option("--each", help="A diagnosis of each PATH by itself, in a folder of its name; those that are there stay.")
+    ] = False,
+    workers: Workers = None,
+    cluster: Cluster = None,
     rig: Rig = "twin",
     rounds: Annotated[int, typer.Option("--rounds", min=1, help="How many experiments --close-the-loop may run.")] = 3,
     runs: Runs = Path("runs"),
     seed: Seed = None,
+    pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
     """Say where model and recordings part, which physics was left out, and how sure that is.
@@ -34,12 +46,24 @@ def diagnose(
     Example: rfca-rig diagnose runs/SIM-table-ii-001 --out diagnosis
     """
     from rfca_rig.campaign.opening import open_with_belief
+    from rfca_rig.cli.printing import Printing
+    from rfca_rig.errors import BadInput
     from rfca_rig.report.diagnosis_files import terminal_lines
+    from rfca_rig.report.origin import typed
 
+    printing, command = Printing(pdf), typed("diagnose", *paths)
+
+    if each and pdf:
+        raise BadInput("--pdf prints one diagnosis; with --each, print the pages that matter by themselves")
+    if each and not close_the_loop:
+        diagnose_each(paths, out, workers, cluster, as_json)
+        return
+    if each or workers or cluster:
+        raise BadInput("--workers and --cluster share out what --each makes many of; one diagnosis, or --close-the-loop, stays here")
     if len(paths) == 1 and (paths[0] / "pendulum.toml").is_file():
-        diagnosis = _pendulum(paths[0], out, as_json)
+        diagnosis = _pendulum(paths[0], out, as_json, command)
     elif not close_the_loop:
-        diagnosis = _diagnosed(open_with_belief(paths), out, as_json, None)
+        diagnosis = _diagnosed(open_with_belief(paths), Asked(paths, out, as_json, command))
     else:
         from rfca_rig.cli.closing_the_loop import Loop
         from rfca_rig.cli.closing_the_loop import close_the_loop as closed
@@ -48,53 +72,66 @@ def diagnose(
 
         loop = Loop(find_file("calibration", rig), rounds, runs, out, seed, quiet=as_json)
         limits, recordings = read_rig(loop.rig_path).facts().limits, open_with_belief(paths)
-        diagnosis = _diagnosed(recordings, out, as_json, limits)
-        diagnosis = closed(loop, recordings, diagnosis, lambda all_of_them: _diagnosed(all_of_them, out, as_json, limits))
+        options = {"--rig": rig if rig != "twin" else None, "--rounds": rounds if rounds != 3 else None, "--seed": seed}
+        command = typed("diagnose", *paths, "--close-the-loop", options=options)
+        asked = Asked(paths, out, as_json, command, limits)
+        diagnosis = closed(loop, recordings, _diagnosed(recordings, asked), lambda all_of_them: _diagnosed(all_of_them, asked))
     if as_json:
         typer.echo((out / "diagnosis.json").read_text(encoding="utf-8"), nl=False)
-        return
-    for line in terminal_lines(diagnosis):
-        typer.echo(line)
-    typer.echo(f"{out / 'diagnosis.html'}: the whole answer", err=True)
+    else:
+        for line in terminal_lines(diagnosis):
+            typer.echo(line)
+        typer.echo(f"{out / 'diagnosis.html'}: the whole answer", err=True)
+        _say_next(diagnosis, out)
+    printing.print([out / "diagnosis.html"], as_json)
 
 
-def _pendulum(folder: Path, out: Path, quiet: bool) -> "Diagnosis":
+def _say_next(diagnosis: "Diagnosis", out: Path) -> None:
+    """The command that does the experiment which was proposed, where the rig can do it."""
+    from rfca_rig.diagnosis.next_protocol import NEXT_PROTOCOL
+
+    proposal = diagnosis.next_experiment
+    if proposal is not None and proposal["protocol"] is not None and proposal["kind"] in ("dynamic", "static"):
+        typer.echo(f"next: rfca-rig {proposal['kind']} run --protocol {out / NEXT_PROTOCOL}, on the rig of these recordings", err=True)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Where the recordings are, where the answer goes, and the command that asks for it; `limits` are those of the rig to go on with."""
+
+    paths: Sequence[Path]
+    out: Path
+    quiet: bool
+    command: str
+    limits: "Limits | None" = None
+
+
+def _pendulum(folder: Path, out: Path, quiet: bool, command: str) -> "Diagnosis":
     """The diagnosis of a driven pendulum without ground; a model file of a leg does not fit it."""
     from rfca_rig.campaign.pendulum import read_pendulum_campaign
+    from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulum import diagnose_pendulum
     from rfca_rig.report.diagnosis_files import write_diagnosis
+    from rfca_rig.report.origin import imported
 
-    with _progress(quiet) as progress:
-        diagnosis = diagnose_pendulum(read_pendulum_campaign(folder), progress)
-    out.mkdir(parents=True, exist_ok=True)
-    write_diagnosis(diagnosis, out)
+    with progress(quiet) as bars:
+        diagnosis = diagnose_pendulum(read_pendulum_campaign(folder), bars.share)
+    write_diagnosis(diagnosis, out, imported(command, folder, diagnosis.title))
     return diagnosis
 
 
-def _diagnosed(recordings: "Sequence[Recording]", out: Path, quiet: bool, limits: "Limits | None") -> "Diagnosis":
-    """The diagnosis, with all its files in `out`."""
+def _diagnosed(recordings: "Sequence[Recording]", asked: Asked) -> "Diagnosis":
+    """The diagnosis, with all its files."""
+    from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.diagnose import diagnose as diagnosed
     from rfca_rig.diagnosis.model_after import write_model_after
     from rfca_rig.diagnosis.next_protocol import write_next_protocol
     from rfca_rig.report.diagnosis_files import write_diagnosis
+    from rfca_rig.report.origin import origin_of
 
-    with _progress(quiet) as progress:
-        diagnosis = diagnosed(recordings, progress, limits)
-    out.mkdir(parents=True, exist_ok=True)
-    write_diagnosis(diagnosis, out)
-    write_model_after(out / "model.toml", diagnosis, recordings[0])
-    write_next_protocol(out, diagnosis.next_experiment)
+    with progress(asked.quiet) as bars:
+        diagnosis = diagnosed(recordings, bars.share, asked.limits)
+    write_diagnosis(diagnosis, asked.out, origin_of(asked.command, asked.paths, recordings))
+    write_model_after(asked.out / "model.toml", diagnosis, recordings[0])
+    write_next_protocol(asked.out, diagnosis.next_experiment)
     return diagnosis
-
-
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """A bar on the error stream; only where a person watches."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True, quiet=quiet, highlight=False)
-    columns = (TextColumn("{task.description:<40}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, disable=quiet or not console.is_terminal, transient=True) as bar:
-        task = bar.add_task("reading", total=1.0)
-        yield lambda text, share: bar.update(task, description=text, completed=share)

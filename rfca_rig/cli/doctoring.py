@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli.options import Json, Runs
+from rfca_rig.cli.streams import takes_colours
 
 if TYPE_CHECKING:
     from rfca_rig.description.rig_file import RigFile
@@ -69,13 +70,17 @@ def _told(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
 def _lines(finding: "Finding") -> Iterator[str]:
     """At most 80 columns; colours only where a person watches, which typer finds out."""
     first, *rest = wrap(finding.seen, WIDTH - len(INDENT), break_on_hyphens=False)
-    colour = typer.style(finding.colour.value, fg=finding.colour.value) + " " * (COLOUR_WIDTH - len(finding.colour.value))
-    yield f"{colour}{finding.subject:<{SUBJECT_WIDTH}}{first}"
+    yield f"{_painted(finding.colour.value)}{finding.subject:<{SUBJECT_WIDTH}}{first}"
     yield from (INDENT + line for line in rest)
     if finding.fix:
         yield from (INDENT + line for line in wrap(f"fix: {finding.fix}", WIDTH - len(INDENT), break_on_hyphens=False))
     for command in finding.commands:
         yield from _command_lines(command)
+
+
+def _painted(colour: str) -> str:
+    padding = " " * (COLOUR_WIDTH - len(colour))
+    return (typer.style(colour, fg=colour) if takes_colours() else colour) + padding
 
 
 def _command_lines(command: str) -> list[str]:

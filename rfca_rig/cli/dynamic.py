@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.options import Dry, Json, Model, Operator, Rig, Runs, Sample, Seed
+from rfca_rig.cli.options import Dry, Fault, Json, Model, Operator, Pace, Rig, Runs, Sample, Seed, View, ViewPort
+from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.phases import Refused
@@ -34,11 +35,17 @@ def run(
     ] = "flapping",
     rig: Rig = "twin",
     model: Model = None,
-    report: Annotated[Path | None, typer.Option("--report", metavar="DIR", help="Write the report of this run there as well.")] = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="DIR", callback=out_folder, help="Write the report of this run there as well.")
+    ] = None,
     runs: Runs = Path("runs"),
     seed: Seed = None,
     operator: Operator = "",
     sample: Sample = "",
+    view: View = False,
+    view_port: ViewPort = None,
+    pace: Pace = 1.0,
+    fault: Fault = None,
     dry_run: Dry = False,
     as_json: Json = False,
 ) -> None:
@@ -46,12 +53,14 @@ def run(
 
     Example: rfca-rig dynamic run --height 215 --speed 2.433 --repeats 5
     """
+    from rfca_rig.cli.looking_on import viewing_of
     from rfca_rig.cli.ordering import Asked, order_of
     from rfca_rig.cli.running import carry_out
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.protocol.experiments import flapping_plan
 
-    asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json)
+    viewing = viewing_of(view, view_port, pace)
+    asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing, faults=fault or ())
     order = order_of(asked, lambda path, facts: flapping_plan(_as_asked(read_dynamic(path), height, speed, repeats).flapping(), facts))
     valleys = Valleys()
     folder, _ = carry_out(order, valleys.say_stage)
@@ -71,7 +80,7 @@ def _as_asked(protocol: "DynamicFile", height_mm: float | None, speed_rad_s: flo
     if height_mm is not None and speed_rad_s is not None:
         condition = checked({"height_mm": height_mm, "speed_rad_s": speed_rad_s}, ConditionSection, "--height, --speed")
         changes |= {"conditions": (condition,), "title": f"{protocol.title} {height_mm:g} mm {speed_rad_s:g} rad per s"}
-    return DynamicFile.model_validate(protocol.model_copy(update=changes).model_dump())
+    return checked(protocol.model_copy(update=changes).model_dump(), DynamicFile, "--repeats")
 
 
 def say_valley(stage: "Stage", recorder: "Recorder", say: "Say") -> None:

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 from rfca_rig.bench.expectation import expected_loads
 from rfca_rig.cli.condition_lines import condition_lines
+from rfca_rig.cli.first_compile import tell_first_compile
 from rfca_rig.cli.order import Order
+from rfca_rig.cli.progress import progress
 from rfca_rig.cli.terminal import Say
-from rfca_rig.model.compiled import is_warm
 from rfca_rig.protocol.check import Load, check_plan
 from rfca_rig.protocol.cycles import cycle_bytes
 from rfca_rig.protocol.plan import Stage
@@ -17,9 +18,9 @@ ROUGHER_STDS = 2.0
 
 def examined(order: Order, say: Say) -> Mapping[Stage, Load]:
     """What the model expects of each stage. Raises BadInput where that, or the plan itself, passes a limit."""
-    if not is_warm():
-        say("compiling the model, once on this machine, about ten seconds ...")
-    expected = expected_loads(order.plan, order.believes.model())
+    with progress(order.quiet) as bars:
+        tell_first_compile(bars, order.quiet, say)
+        expected = expected_loads(order.plan, order.believes.model())
     check_plan(order.plan, expected)
     _check_on_rougher_floor(order)
     return expected

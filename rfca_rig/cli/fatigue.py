@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.options import Dry, Json, Model, Operator, Rig, Runs, Sample, Seed
+from rfca_rig.cli.options import Dry, Json, Model, Operator, Pace, Rig, Runs, Sample, Seed, View, ViewPort
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.stiffness_drift import Drift
@@ -40,6 +40,9 @@ def run(
     seed: Seed = None,
     operator: Operator = "",
     sample: Sample = "",
+    view: View = False,
+    view_port: ViewPort = None,
+    pace: Pace = 1.0,
     dry_run: Dry = False,
     as_json: Json = False,
 ) -> None:
@@ -47,12 +50,14 @@ def run(
 
     A run that was stopped goes on with `rfca-rig resume RUN`. Example: rfca-rig fatigue run --cycles 1000
     """
+    from rfca_rig.cli.looking_on import viewing_of
     from rfca_rig.cli.ordering import Asked, order_of
     from rfca_rig.cli.running import carry_out
     from rfca_rig.description.protocol_file import read_fatigue
     from rfca_rig.protocol.fatigue import fatigue_plan
 
-    asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json)
+    viewing = viewing_of(view, view_port, pace)
+    asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing)
     order = order_of(asked, lambda path, facts: fatigue_plan(_as_asked(read_fatigue(path), cycles).fatigue(), facts))
     say_bending(order)
     folder, _ = carry_out(order, Watcher().say_stage)
@@ -62,7 +67,9 @@ def run(
 
 def _as_asked(protocol: "FatigueFile", cycles: int | None) -> "FatigueFile":
     """The protocol with what the command line replaces."""
-    return protocol if cycles is None else type(protocol).model_validate({**protocol.model_dump(), "cycles": cycles})
+    from rfca_rig.description.toml import checked
+
+    return protocol if cycles is None else checked({**protocol.model_dump(), "cycles": cycles}, type(protocol), "--cycles")
 
 
 def say_bending(order: "Order") -> None:

@@ -1,18 +1,21 @@
 """rfca-rig fit"""
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rfca_rig.cli.crews import Cluster, Told, asked_crew
+from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json
 from rfca_rig.cli.reporting import Shaft
+from rfca_rig.cli.writable import out_file
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.fitting.result import FitResult
+    from rfca_rig.crew.form import Crew
 
 
 def fit(
@@ -20,7 +23,9 @@ def fit(
     parameters: Annotated[
         str, typer.Option("--parameters", metavar="NAME,...", help="What to fit; all that the section known_to lists if not given.")
     ] = "",
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write the fitted model to this .toml file.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", callback=out_file, help="Write the fitted model to this .toml file.")
+    ] = None,
     shaft: Annotated[
         Shaft, typer.Option("--shaft", help="Simulate along the recorded turn, at the average measured speed, or as commanded.")
     ] = Shaft.recorded,
@@ -32,6 +37,7 @@ def fit(
     ] = 200.0,
     starts: Annotated[int, typer.Option("--starts", min=1, max=64, help="Begin from this many places, and tell how many agree.")] = 1,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the places to begin from.")] = 0,
+    cluster: Cluster = None,
     as_json: Json = False,
 ) -> None:
     """Fit what the model believes of the rig to recordings: values, standard errors, and what the recordings cannot tell apart.
@@ -47,16 +53,24 @@ def fit(
     from rfca_rig.analysis.fitting.residuals import Window
     from rfca_rig.analysis.fitting.strokes import Comparison, fit_recordings
     from rfca_rig.campaign.opening import open_with_belief
+    from rfca_rig.cli.progress import progress
 
     comparison = Comparison(shaft.value, Window(tuple(_names(phases)), 1e-3 * after_touchdown))
     recordings = open_with_belief(paths)
-    with _progress(quiet=as_json) as progress:
-        search = Search(starts=starts, rng=np.random.default_rng(seed), progress=progress)
+    counter = _Counter()
+    with progress(quiet=as_json) as bars, _crew_of_starts(cluster, bars.told) as crew:
+        bars.going_on("fitting", counter.text)
+        search = Search(starts=starts, rng=np.random.default_rng(seed), progress=counter.count, crew=crew)
         result = fit_recordings(recordings, _names(parameters), comparison, search)
     if out is not None:
         sources = [f"{path} ({recording.source}): {recording.title}" for path, recording in zip(paths, recordings, strict=True)]
         write_model_file(out, result, recordings[0].believed, recordings[0].known_to, sources)
     _print(result, out, as_json)
+
+
+def _crew_of_starts(cluster: str | None, told: Told) -> "AbstractContextManager[Crew | None]":
+    """Threads of this process share a single descent out better than processes share several; a cluster has more cores than either."""
+    return nullcontext() if cluster is None else asked_crew(None, cluster, told)
 
 
 def _names(text: str) -> list[str]:
@@ -67,20 +81,19 @@ def _print(result: "FitResult", out: Path | None, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(result.plain(), indent=1))
         return
-    for line in result.lines():
-        typer.echo(line)
+    print_lines(result.lines())
     if out is not None:
         typer.echo(f"{out}: the fitted model", err=True)
 
 
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[int, float], None]]:
-    """A line on the error stream that counts; only where a person watches."""
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+class _Counter:
+    """What a search came to so far: nobody knows how many sets of values it will try."""
 
-    console = Console(stderr=True, quiet=quiet, highlight=False)
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=console, disable=quiet or not console.is_terminal, transient=True) as bar:
-        task = bar.add_task("fitting", total=None)
-        yield lambda simulated, chi2: bar.update(task, description=f"fitting: {simulated} sets of values, chi2 {chi2:.0f}")
+    def __init__(self) -> None:
+        self._text = ""
+
+    def count(self, simulated: int, chi2: float) -> None:
+        self._text = f"{simulated} sets of values, chi2 {chi2:.0f}"
+
+    def text(self) -> str:
+        return self._text

@@ -22,10 +22,12 @@ def import_folder(
     import json
 
     from rfca_rig.campaign.importing import import_campaign
+    from rfca_rig.cli.progress import progress
     from rfca_rig.recording.store import read_recording
 
     target = out or Path("runs") / f"IMPORT-{folder.resolve().name}"
-    recording = read_recording(import_campaign(folder, target))
+    with progress(as_json) as bars:
+        recording = read_recording(import_campaign(folder, target, bars.counting("reading strokes")))
     if as_json:
         counted = {"strokes": len(recording.strokes), "static_stages": len(recording.static)}
         typer.echo(json.dumps({"source": "IMPORT", "run": str(target), "title": recording.title, **counted}, indent=1))

@@ -9,9 +9,13 @@ from rfca_rig.bench.going_on import ending_of, go_on
 from rfca_rig.bench.outcome import Outcome
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.order import Order
+from rfca_rig.cli.progress import progress
 from rfca_rig.cli.terminal import Say, marked
+from rfca_rig.description.own_devices import texts_of
 from rfca_rig.engine.bench import Bench
 from rfca_rig.errors import DiskFull, RigError
+from rfca_rig.model.catalogue import lab_texts
+from rfca_rig.progress import Watcher, unwatched
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.cycle_table import CYCLES
 from rfca_rig.recording.form import Recording
@@ -19,6 +23,7 @@ from rfca_rig.recording.keeper import Keeper
 from rfca_rig.recording.layout import RECORDING
 from rfca_rig.recording.run_text import write_ending
 from rfca_rig.recording.tally import tally_of
+from rfca_rig.twin_server.agenda import Switching
 
 
 def open_folder(order: Order, folder: Path, bench: Bench) -> None:
@@ -51,19 +56,23 @@ class Kept:
     outcome: Outcome
 
 
-def finish(order: Order, run: Kept) -> None:
-    """The recording as a whole, with what the photos show. Raises RigError with what to do where the disk has no room for it."""
+def finish(order: Order, run: Kept, quiet: bool = False) -> None:
+    """The recording as a whole, with what the photos show. Raises RigError with what to do where the disk has no room for it.
+
+    How far it has come is told unless it is to be `quiet`, as below another bar.
+    """
     try:
         run.keeper.finish(run.outcome.why)
-        _read_photos(order, run)
-        _put_together(order, run)
+        with progress(order.quiet or quiet) as bars:
+            _read_photos(order, run, bars.counting("reading photos"))
+            _put_together(order, run, bars.counting("stages into run.h5"))
     except RigError as error:
         safe = f"{run.keeper.acknowledged} stages are safe in {run.folder}"
         kind = DiskFull if isinstance(error, DiskFull) else RigError
         raise kind(f"{error}; {safe}, type rfca-rig recover {run.folder} (where the disk is full, make room first)") from error
 
 
-def _put_together(order: Order, run: Kept) -> None:
+def _put_together(order: Order, run: Kept, told: Watcher) -> None:
     recorder = run.recorder
     known = {
         **provenance.ended(run.bench, run.outcome, recorder.worst_gap_s),
@@ -75,24 +84,24 @@ def _put_together(order: Order, run: Kept) -> None:
         "recorder_samples": f"{recorder.samples} handed over, {recorder.refused} refused",
     }
     write_ending(run.folder, ending_of(run.folder, known, run.recorder.stages, order.begun, order.eye))
-    run_folder.build(run.folder)
+    run_folder.build(run.folder, told)
 
 
-def _read_photos(order: Order, run: Kept) -> None:
+def _read_photos(order: Order, run: Kept, told: Watcher) -> None:
     if order.eye is not None:
         marked(order.mark, order.quiet)(f"motor off; reading {sum(bool(stage.photo) for stage in run.recorder.stages)} photos ...")
-        run.recorder.read_photos(run.folder, order.eye)
+        run.recorder.read_photos(run.folder, order.eye, told)
 
 
 def keep(order: Order, run: Kept, say: Say) -> None:
     """A run cut short keeps what it recorded; one that recorded nothing leaves nothing behind."""
     try:
         if run.recorder.samples or order.begun:
-            finish(order, run)
+            finish(order, run, quiet=True)
             say(f"kept {counted(run.folder)} in {run.folder}; rfca-rig resume {run.folder} goes on")
         else:
             run.keeper.finish(run.outcome.why)
-            _read_photos(order, run)
+            _read_photos(order, run, unwatched)
             run_folder.discard(run.folder)
     except RigError as also:
         say(str(also))
@@ -110,8 +119,11 @@ def _header(order: Order, bench: Bench) -> Recording:
     known_to = order.believes.known_to.model_dump(exclude_none=True) if order.believes.known_to else {}
     seed = {} if order.twin_seed is None else {"seed": str(order.twin_seed)}
     named = {"rig": order.rig_name} if order.rig_name else {}
+    named |= {"twin_faults": ", ".join(_told(fault) for fault in order.faults)} if order.faults else {}
     texts = {"rig_file": order.rig_text, "protocol_file": order.protocol_text}
     texts |= ({"model_file": order.model_text} if order.model else {}) | ({"camera_file": order.camera_text} if order.eye else {})
+    texts |= texts_of(order.rig.motor, order.rig.force_sensor)
+    texts |= {f"effect_{name}_file": text for name, text in lab_texts([one.id for one in order.believes.effects]).items()}
     return Recording(
         title=order.plan.title,
         source="REAL" if order.rig.is_real else "SIM",
@@ -129,3 +141,7 @@ def _header(order: Order, bench: Bench) -> Recording:
             **named,
         },
     )
+
+
+def _told(fault: Switching) -> str:
+    return f"{fault.name} {'on' if fault.on else 'off'} at {fault.at_s:g} s"

@@ -8,7 +8,19 @@ from rfca_rig.bench.begun import Begun
 from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.protocol.plan import Plan
+from rfca_rig.twin_server.agenda import Switching
 from rfca_rig.vision.leg_photo import Eye
+
+
+@dataclass(frozen=True)
+class Viewing:
+    """That the run is to be looked at in the browser: on which port, 0 for any free one, and at how many times real time a twin may run.
+
+    A pace of 0 leaves a twin as fast as it can be.
+    """
+
+    port: int = 0
+    pace: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +51,8 @@ class Order:
     rig_changes: Mapping[str, str] = field(default_factory=dict)
     operator: str = ""
     sample: str = ""
+    viewing: Viewing | None = None
+    faults: tuple[Switching, ...] = ()
 
     @property
     def believes(self) -> RigFile | ModelFile:

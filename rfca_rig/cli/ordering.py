@@ -1,16 +1,19 @@
 """From the options that every run command takes to its order."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rfca_rig.cli.order import Order
+from rfca_rig.bench.twin_faults import Mishaps
+from rfca_rig.cli.order import Order, Viewing
 from rfca_rig.cli.places import find_file
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.description.toml import read_text
+from rfca_rig.errors import BadInput
 from rfca_rig.protocol.experiments import RigFacts
 from rfca_rig.protocol.plan import Plan
+from rfca_rig.twin_server.agenda import Switching, switchings
 from rfca_rig.vision.leg_photo import Eye
 
 
@@ -27,6 +30,8 @@ class Asked:
     sample: str = ""
     is_dry: bool = False
     is_quiet: bool = False
+    viewing: Viewing | None = None
+    faults: Sequence[str] = ()
 
 
 def order_of(asked: Asked, plan_of: Callable[[Path, RigFacts], Plan]) -> Order:
@@ -51,6 +56,8 @@ def order_of(asked: Asked, plan_of: Callable[[Path, RigFacts], Plan]) -> Order:
         rig_name=asked.rig,
         operator=asked.operator,
         sample=asked.sample,
+        viewing=asked.viewing,
+        faults=_faults(rig, asked.faults),
     )
 
 
@@ -59,3 +66,12 @@ def _eye(rig: RigFile, plan: Plan) -> tuple[Eye | None, str]:
     if rig.camera is None or not plan.photos:
         return None, ""
     return rig.eye(), read_text(Path(rig.camera.calibration_file))
+
+
+def _faults(rig: RigFile, words: Sequence[str]) -> tuple[Switching, ...]:
+    """What is to go wrong on a twin. Raises BadInput for what this rig cannot have."""
+    if words and rig.is_real:
+        raise BadInput(f"{rig.rig.title}: --fault is for twins; nothing is broken on purpose on a real rig")
+    orders = switchings(words)
+    Mishaps(rig, orders)
+    return orders

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 from rfca_rig.errors import BadInput
+from rfca_rig.nearest import suggestion
 
 PACKAGE = Path(__file__).parents[1]
 
@@ -15,12 +16,18 @@ def find_file(kind: str, name: str) -> Path:
     """
     if name.endswith(".toml") or "/" in name:
         return Path(name)
-    folders = [Path(kind), PACKAGE.parent / kind, PACKAGE / "shipped" / kind]
+    folders = folders_of(kind)
     for folder in folders:
         if (folder / f"{name}.toml").is_file():
             return folder / f"{name}.toml"
     known = sorted({file.stem for folder in folders if folder.is_dir() for file in folder.glob("*.toml")})
-    raise BadInput(f"{kind}/{name}.toml: no such file; there are {', '.join(known)}, or give a path to a .toml file")
+    meant = suggestion(name, known)
+    raise BadInput(f"{kind}/{name}.toml: no such file; {meant}{'' if meant.endswith('?') else ', or give a path to a .toml file'}")
+
+
+def folders_of(kind: str) -> list[Path]:
+    """Where files of that kind are looked for, in this order."""
+    return [Path(kind), PACKAGE.parent / kind, PACKAGE / "shipped" / kind]
 
 
 def new_run_folder(parent: Path, mark: str, title: str) -> Path:

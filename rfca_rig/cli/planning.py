@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json, Model, Rig
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from rfca_rig.protocol.plan import Plan, Stage
 
 MOST_LINES = 60
+LABEL_AT = 35  # where the last column begins
 
 
 def plan(
@@ -38,20 +40,21 @@ def plan(
     if as_json:
         typer.echo(json.dumps(_as_data(order.plan, expected), indent=1))
         return
-    for line in _lines(order, expected, None if every else MOST_LINES):
-        typer.echo(f"{order.mark} {line}")
+    lines = _lines(order, expected, None if every else MOST_LINES)
+    print_lines((f"{order.mark} {line}" for line in lines), indent=f"{order.mark} " + " " * LABEL_AT)
 
 
 def _lines(order: "Order", expected: "Mapping[Stage, Load]", most: int | None) -> list[str]:
     plan = order.plan
-    head = [f"{order.rig.rig.title}: {plan.title}", "  stage  at most until    size  what, and what the model expects"]
+    head = [f"{order.rig.rig.title}: {plan.title}", f"{'stage':>5} {'until':>9}  {'MB':>5} {'N':>5} {'N m':>5}  what"]
     rows = _rows(plan, expected)
-    shown = rows if most is None or len(rows) <= most else [*rows[:most], f"  ... {len(rows) - most} stages more; --all prints them"]
+    shown = rows if most is None or len(rows) <= most else [*rows[:most], f"... {len(rows) - most} stages more; --all prints them"]
     limits = plan.limits
     counted = f"{len(plan.stages)} stages: {len(plan.flaps)} strokes, {len(plan.holds)} static stages"
     at_most = f"at most {_clock(plan.duration_s)} on the rig, {plan.recorded_bytes / 1e6:.1f} MB before compression and photos"
+    expects = "until: at most so long; N, N m: the most that the model expects"
     within = f"within the limits: {limits.force_N:g} N, {limits.torque_Nm:g} N m, {limits.speed_rad_s:g} rad/s"
-    return [*head, *shown, f"  {counted}; {at_most}", f"  {within}"]
+    return [*head, *shown, expects, counted, at_most, within]
 
 
 def _rows(plan: "Plan", expected: "Mapping[Stage, Load]") -> list[str]:
@@ -59,13 +62,13 @@ def _rows(plan: "Plan", expected: "Mapping[Stage, Load]") -> list[str]:
     for number, stage in enumerate(plan.stages, start=1):
         until_s += stage.duration_s
         size_MB = plan.rates.bytes_in(stage.recorded_s) / 1e6
-        size = f"{size_MB:6.1f} MB" if size_MB else " " * 9
-        rows.append(f"  {number:5d}  {_clock(until_s):>13}  {size}  {stage.label}{_load(expected.get(stage))}")
+        size = f"{size_MB:.1f}" if size_MB else ""
+        rows.append(f"{number:5d} {_clock(until_s):>9}  {size:>5} {_load(expected.get(stage))}  {stage.label}")
     return rows
 
 
 def _load(load: "Load | None") -> str:
-    return "" if load is None else f": up to {load.force_N:.0f} N, {load.torque_Nm:.1f} N m"
+    return " " * 11 if load is None else f"{load.force_N:5.0f} {load.torque_Nm:5.1f}"
 
 
 def _clock(duration_s: float) -> str:

@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
+from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json, Model, Rig
+from rfca_rig.cli.writable import out_file
 
 
 def predict(
@@ -14,7 +16,9 @@ def predict(
     rig: Rig = "twin",
     model: Model = None,
     sweep: Annotated[float, typer.Option("--sweep", metavar="DEG", min=1, max=330, help="How far the shaft turns, in degrees.")] = 200.0,
-    csv: Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Write the stroke, sample by sample, to this CSV file.")] = None,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", metavar="FILE", callback=out_file, help="Write the stroke, sample by sample, to this CSV file.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """What the model expects of one stroke, without any rig: valley, peak force, torque.
@@ -24,19 +28,19 @@ def predict(
     import json
 
     from rfca_rig.analysis.prediction import predict_stroke, write_csv
+    from rfca_rig.cli.first_compile import tell_first_compile
     from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.progress import progress
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig
-    from rfca_rig.model.compiled import is_warm
 
     supposed = read_model_file(model).model() if model else read_rig(find_file("calibration", rig)).model()
-    if not is_warm() and not as_json:
-        typer.echo("compiling the model, once on this machine, about ten seconds ...", err=True)
-    prediction = predict_stroke(supposed, height / 1e3, speed, sweep)
+    with progress(as_json) as bars:
+        tell_first_compile(bars, as_json)
+        prediction = predict_stroke(supposed, height / 1e3, speed, sweep)
     if csv is not None:
         write_csv(prediction.stroke, csv)
     if as_json:
         typer.echo(json.dumps(prediction.summary(), indent=1))
         return
-    for line in prediction.lines():
-        typer.echo(line)
+    print_lines(prediction.lines())

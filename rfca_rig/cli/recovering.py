@@ -8,6 +8,7 @@ import typer
 from rfca_rig.cli.options import Json
 
 if TYPE_CHECKING:
+    from rfca_rig.progress import Watcher
     from rfca_rig.recording.form import Recording
 
 
@@ -24,11 +25,13 @@ def recover(
     import json
 
     from rfca_rig.campaign.opening import RECORDING_NAME
+    from rfca_rig.cli.progress import progress
     from rfca_rig.recording.run_folder import is_run
     from rfca_rig.recording.tally import tally_of
 
     path = run if run.suffix == ".h5" else run / RECORDING_NAME
-    recording = _recovered(path.parent) if is_run(path.parent) else _older(path)
+    with progress(as_json) as bars:
+        recording = _recovered(path.parent, bars.counting("stages")) if is_run(path.parent) else _older(path)
     found = tally_of(path, thorough=False)
     if as_json:
         counted = {"strokes": found.strokes, "static_stages": found.static, "raw_stages": found.raw}
@@ -39,7 +42,7 @@ def recover(
     typer.echo(f"{recording.source} recovered {counted_text} in {path}; next: rfca-rig report {path} --out report", err=True)
 
 
-def _recovered(folder: Path) -> "Recording":
+def _recovered(folder: Path, watcher: "Watcher") -> "Recording":
     """The run without its samples."""
     from rfca_rig.bench.stage_photos import with_photos_read
     from rfca_rig.errors import BadInput
@@ -55,7 +58,7 @@ def _recovered(folder: Path) -> "Recording":
         added = {name: text for name, text in seen.provenance.items() if name != "events" and found.provenance.get(name) != text}
         interrupted = {INTERRUPTED: found.provenance[INTERRUPTED]}
         write_ending(folder, Ending({**interrupted, **added}, seen.static))
-    run_folder.build(folder)
+    run_folder.build(folder, watcher)
     return run_folder.read_without_samples(folder)
 
 
@@ -67,10 +70,28 @@ def _older(path: Path) -> "Recording":
     from rfca_rig.recording.store import read_recording, write_recording
 
     if not partial_of(path).is_dir():
-        what = "is whole" if path.is_file() else "is not there"
-        raise BadInput(f"{path}: {what}, and there is no interrupted run beside it to recover")
+        raise BadInput(_nothing_to_recover(path))
     recording = read_recording(recover_partial(path))
     seen = with_photos_read(recording, path.parent)
     if seen is not recording:
         write_recording(seen, path)
     return seen
+
+
+def _nothing_to_recover(path: Path) -> str:
+    """Why, for a file or the folder that it should be in, with no run's files beside it."""
+    from rfca_rig.errors import BadInput
+    from rfca_rig.nearest import not_there
+    from rfca_rig.recording.tally import tally_of
+
+    if not path.is_file():
+        return (
+            f"{path.parent}: holds no interrupted run; rfca-rig runs lists what was recorded"
+            if path.parent.is_dir()
+            else not_there(path.parent)
+        )
+    try:
+        tally_of(path, thorough=False)
+    except BadInput as error:
+        return f"{error}; and there are no stage files beside it to make it anew from"
+    return f"{path}: is whole, and there is no interrupted run beside it to recover"

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.options import Json, Model
+from rfca_rig.cli.options import Json, Model, Pdf
+from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.counterpart import Shaft as ShaftName
@@ -24,34 +25,62 @@ class Shaft(StrEnum):
 
 def report(
     paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, or .h5 files.")],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for report.html and table2.csv, .tex, .json.")] = Path("report"),
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", callback=out_folder, help="Folder for report.html, run.html, their tables.")
+    ] = Path("report"),
     shaft: Annotated[
         Shaft, typer.Option("--shaft", help="Simulate at the average measured speed (as the paper does), as commanded, or as recorded.")
     ] = Shaft.average,
     model: Model = None,
+    pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
-    """Compare recordings with the model: Table II and overlays of measured and simulated force. Works offline, changes no recording.
+    """Compare recordings with the model: Table II and overlays of measured and simulated force; and tell how each run went, in run.html.
+
+    Works offline, changes no recording.
 
     Example: rfca-rig report runs/SIM-table-ii-001 --out report
     """
-    write(paths, out, shaft.value, as_json, quiet=as_json, model=model)
+    write(paths, out, shaft.value, as_json, quiet=as_json, model=model, pdf=pdf)
 
 
-def write(paths: Sequence[Path], out: Path, shaft: "ShaftName", as_json: bool, quiet: bool, model: Path | None = None) -> None:
+def write(
+    paths: Sequence[Path],
+    out: Path,
+    shaft: "ShaftName",
+    as_json: bool,
+    quiet: bool,
+    model: Path | None = None,
+    pdf: bool = False,
+) -> None:
     """Writes the report and says where it is, with the averages of the table."""
     from rfca_rig.campaign.opening import open_recordings, open_with_belief
+    from rfca_rig.cli.printing import Printing
+    from rfca_rig.cli.progress import progress
     from rfca_rig.description.model_file import read_model_file
+    from rfca_rig.report.origin import origin_of, typed
     from rfca_rig.report.sources import GivenModel
     from rfca_rig.report.writing import write_report
 
+    printing = Printing(pdf)
     given = GivenModel(model.name, read_model_file(model).model()) if model else None
     recordings = open_recordings(paths) if given else open_with_belief(paths)
-    table = write_report(recordings, out, shaft, given)
+    command = typed("report", *paths, options={"--shaft": shaft if shaft != "average" else None, "--model": model})
+    with progress(quiet) as bars:
+        written = write_report(recordings, out, shaft, given, origin_of(command, paths, recordings), bars.counting("conditions"))
     if as_json:
         typer.echo((out / "table2.json").read_text(encoding="utf-8"), nl=False)
     if not quiet:
+        _say(written.table, out, len(recordings))
+    printing.print(written.pages, quiet)
+
+
+def _say(table: "Table2", out: Path, runs: int) -> None:
+    """The page that tells most comes first."""
+    pages = f"{out / 'run.html'}" if runs == 1 else f"{out / 'run-1.html'} to run-{runs}.html"
+    if table.rows:
         typer.echo(f"{out / 'report.html'}: {_averages(table)}", err=True)
+    typer.echo(f"{pages}: how the run{'s' if runs > 1 else ''} went", err=True)
 
 
 def _averages(table: "Table2") -> str:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.options import Dry, Json
+from rfca_rig.cli.options import Dry, Json, Pace, View, ViewPort
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,6 +26,9 @@ def resume(
     after_trip: Annotated[
         bool, typer.Option("--after-trip", help="Go on although a limit had stopped the motion; look at the rig first.")
     ] = False,
+    view: View = False,
+    view_port: ViewPort = None,
+    pace: Pace = 1.0,
     dry_run: Dry = False,
     as_json: Json = False,
 ) -> None:
@@ -35,13 +38,16 @@ def resume(
 
     Example: rfca-rig resume runs/REAL-table-ii-001
     """
+    from dataclasses import replace
+
     from rfca_rig.bench.begun import read_begun
     from rfca_rig.cli.fatigue import say_bending
+    from rfca_rig.cli.looking_on import viewing_of
     from rfca_rig.cli.running import carry_out
     from rfca_rig.cli.terminal import marked
 
     begun = read_begun(run.parent if run.suffix == ".h5" else run)
-    order = _order(begun, rig, as_json, dry_run)
+    order = replace(_order(begun, rig, as_json, dry_run), viewing=viewing_of(view, view_port, pace))
     _check_trip(begun, after_trip)
     marked(order.mark, as_json)(f"{begun.folder} stopped: {begun.why}; what remains of its plan:")
     if order.plan.experiment == "fatigue":

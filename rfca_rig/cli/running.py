@@ -1,6 +1,7 @@
 """What all experiments share: the plan examined and printed, the rig armed, the run, the recording."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from rfca_rig.bench.make import open_bench
@@ -9,6 +10,7 @@ from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.arming import ask_operator, prove_drive
 from rfca_rig.cli.examining import examined, print_plan, recorded_bytes
 from rfca_rig.cli.keeping import Kept, finish, keep, note_end, open_folder
+from rfca_rig.cli.looking_on import looked_on, twin_clock
 from rfca_rig.cli.order import Order
 from rfca_rig.cli.places import new_run_folder
 from rfca_rig.cli.signals import heard
@@ -21,10 +23,13 @@ from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.ballast import check_room
 from rfca_rig.recording.keeper import DirectKeeper, Keeper
 from rfca_rig.recording.process_keeper import ProcessKeeper
+from rfca_rig.view.live_view import check_live_view
 
 
 def carry_out(order: Order, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path | None, Recorder | None]:
     """The whole way from the printed plan to the finished recording; (None, None) after a dry run."""
+    if order.viewing is not None:
+        check_live_view()
     say = marked(order.mark, order.quiet)
     expected = examined(order, say)
     print_plan(order, expected, say)
@@ -38,12 +43,16 @@ def carry_out(order: Order, on_stage: Callable[[Stage, Recorder, Say], None]) ->
 
 def _record(order: Order, supervision: Supervision, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path, Recorder]:
     folder = order.begun.folder if order.begun else new_run_folder(order.runs, order.mark, order.plan.title)
-    with open_bench(order.rig, order.twin_seed, order.eye) as bench:
+    with (
+        open_bench(order.rig, order.twin_seed, order.eye, twin_clock(order), order.faults) as bench,
+        looked_on(order, bench, supervision.wishes) as looking,
+    ):
         armed = prove_drive(order, bench) if bench.is_real else {}
         open_folder(order, folder, bench)
         keeper = _keeper(folder, bench)
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
-        with progress_bar(order.mark, order.plan.duration_s, order.quiet) as (advance, say):
+        with progress_bar(order.mark, order.plan.duration_s, order.quiet) as (advance, say_here):
+            say = looking.begin(keeper, say_here)
 
             def progress(stage: Stage) -> None:
                 advance(stage.label, stage.duration_s)
@@ -55,9 +64,11 @@ def _record(order: Order, supervision: Supervision, on_stage: Callable[[Stage, R
                 if armed:
                     recorder.note("armed", **armed)
                 with heard(supervision.wishes, say):
-                    run_plan(order.plan, bench, recorder, progress, supervision)
+                    run_plan(order.plan, bench, recorder, progress, replace(supervision, onlooker=looking.onlooker))
+                looking.over(None)
                 note_end(recorder, "done")
             except RigError as error:
+                looking.over(error)
                 note_end(recorder, str(error))
                 say(f"motor off: {recorder.standstill.text()}")
                 keep(order, Kept(folder, keeper, recorder, bench, Outcome.of(error)), say)

@@ -49,6 +49,7 @@ def serve(
     """
     from rfca_rig.bench.openings import Openings
     from rfca_rig.bench.served import open_served
+    from rfca_rig.cli.first_compile import SAID
     from rfca_rig.cli.places import find_file
     from rfca_rig.cli.terminal import marked
     from rfca_rig.clock import WallClock
@@ -63,7 +64,7 @@ def serve(
     if not is_loopback(listen):
         say(f"WARNING open to the network: whoever reaches {listen} can command this twin and read it; there is no password")
     if not is_warm():
-        say("compiling the model, once on this machine, about ten seconds ...")
+        say(SAID)
     twin_seed = seed if seed is not None else described.twin.seed if described.twin else 0
     openings = Openings(listen, rdt_port, http_port, command_port, can_port, control_port, slcan, 1e-3 * height)
     with open_served(described, twin_seed, openings, WallClock()) as served:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli import static_photos, static_reporting
-from rfca_rig.cli.options import Dry, Json, Model, Operator, Rig, Runs, Sample, Seed
+from rfca_rig.cli.options import Dry, Fault, Json, Model, Operator, Pace, Rig, Runs, Sample, Seed, View, ViewPort
 
 if TYPE_CHECKING:
     from rfca_rig.bench.recorder import Recorder
@@ -33,6 +33,10 @@ def run(
     seed: Seed = None,
     operator: Operator = "",
     sample: Sample = "",
+    view: View = False,
+    view_port: ViewPort = None,
+    pace: Pace = 1.0,
+    fault: Fault = None,
     dry_run: Dry = False,
     as_json: Json = False,
 ) -> None:
@@ -40,12 +44,14 @@ def run(
 
     Example: rfca-rig static run
     """
+    from rfca_rig.cli.looking_on import viewing_of
     from rfca_rig.cli.ordering import Asked, order_of
     from rfca_rig.cli.running import carry_out
     from rfca_rig.description.protocol_file import read_static
     from rfca_rig.protocol.experiments import static_plan
 
-    asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json)
+    viewing = viewing_of(view, view_port, pace)
+    asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing, faults=fault or ())
     order = order_of(asked, lambda path, facts: static_plan(read_static(path).static_stages(), facts))
     folder, recorder = carry_out(order, say_stage)
     if folder is None or recorder is None:

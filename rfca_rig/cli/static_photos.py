@@ -34,6 +34,7 @@ def photos(
     from rfca_rig.bench.hand_photos import eye_for, with_hand_photos
     from rfca_rig.campaign.opening import RECORDING_NAME, open_recordings
     from rfca_rig.cli.places import new_run_folder
+    from rfca_rig.cli.progress import progress
     from rfca_rig.description.toml import read_text
     from rfca_rig.drivers.photo_folder import photos_in
     from rfca_rig.recording.store import write_recording
@@ -42,7 +43,8 @@ def photos(
     files, eye = photos_in(folder), eye_for(recording, camera, mark_diameter)
     target = new_run_folder(runs, recording.source, recording.title)
     try:
-        seen = with_hand_photos(recording, files, eye, target)
+        with progress(quiet=False) as bars:
+            seen = with_hand_photos(recording, files, eye, target, bars.counting("reading photos"))
         kept = {"camera_file": read_text(camera), "photos_from": folder.resolve().name}
         write_recording(replace(seen, provenance={**seen.provenance, **kept}), target / RECORDING_NAME)
     except BaseException:

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.options import Json, Model
+from rfca_rig.cli.options import Json, Model, Pdf
+from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.torque_rotation.static_result import StaticResult
@@ -14,18 +15,20 @@ if TYPE_CHECKING:
 
 HINGE_STD = typer.Option("--hinge-std-deg", min=1e-4, max=10, help="One standard deviation of a hinge angle, where the stages do not say.")
 MARKS = typer.Option("--marks-deg", min=0, max=5, help="How far a hinge's zero may be off because a mark sits beside its axis.")
+USUAL = {"--marks-deg": 0.1, "--force-gain-pct": 0.0}
 GAIN = typer.Option("--force-gain-pct", min=0, max=20, help="One standard deviation of the force sensor's gain, in %; 0 counts as exact.")
 
 
 def report(
     paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, or .h5 files.")],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for static.html, the tables and model.toml.")] = Path(
-        "static-report"
-    ),
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", callback=out_folder, help="Folder for static.html, the tables and model.toml.")
+    ] = Path("static-report"),
     model: Model = None,
     hinge_std_deg: Annotated[float | None, HINGE_STD] = None,
-    marks_deg: Annotated[float, MARKS] = 0.1,
-    force_gain_pct: Annotated[float, GAIN] = 0.0,
+    marks_deg: Annotated[float, MARKS] = USUAL["--marks-deg"],
+    force_gain_pct: Annotated[float, GAIN] = USUAL["--force-gain-pct"],
+    pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
     """The hinges' torque over rotation from photographed static stages: curve, stiffness, errors, checks, and a model file with them.
@@ -37,19 +40,35 @@ def report(
     from rfca_rig.analysis.torque_rotation.doubts import Instruments
     from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
     from rfca_rig.campaign.opening import open_recordings
+    from rfca_rig.cli.printing import Printing
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.report.origin import origin_of, typed
     from rfca_rig.report.static_files import summary
     from rfca_rig.report.static_source import static_sources
     from rfca_rig.report.static_writing import write_static_report
 
+    printing = Printing(pdf)
     recordings = open_recordings(paths)
+    options = {"--model": model, "--hinge-std-deg": hinge_std_deg, "--marks-deg": marks_deg, "--force-gain-pct": force_gain_pct}
+    command = typed("static", "report", *paths, options={name: value for name, value in options.items() if value != USUAL.get(name)})
     believed, known_to = _held_against(recordings, model)
     instruments = Instruments(0.01 * force_gain_pct, marks_deg)
-    result = evaluate(recordings, Supposition(believed, known_to, instruments, hinge_std_deg))
-    write_static_report(result, static_sources(paths, recordings), out, believed, known_to, model.name if model else None)
+    with progress(as_json) as bars:
+        result = evaluate(recordings, Supposition(believed, known_to, instruments, hinge_std_deg), bars.counting("solving"))
+    write_static_report(
+        result,
+        static_sources(paths, recordings),
+        out,
+        believed,
+        known_to,
+        model.name if model else None,
+        origin_of(command, paths, recordings),
+    )
     if as_json:
         typer.echo(json.dumps(summary(result), indent=1))
     else:
         _say(result, out)
+    printing.print([out / "static.html"], as_json)
 
 
 def _held_against(recordings: "Sequence[Recording]", model: Path | None) -> tuple[Mapping[str, Any], Mapping[str, Any]]:

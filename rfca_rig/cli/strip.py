@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json, Rig
 
 
@@ -20,16 +21,16 @@ def strip(
     import json
 
     from rfca_rig.analysis.strips import compare_strips
+    from rfca_rig.cli.first_compile import tell_first_compile
     from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.progress import progress
     from rfca_rig.description.rig_file import read_rig
-    from rfca_rig.model.compiled import is_warm
 
     model = read_rig(find_file("calibration", rig)).model()
-    if not is_warm() and not as_json:
-        typer.echo("compiling the model, once on this machine, about ten seconds ...", err=True)
-    comparison = compare_strips(model, height / 1e3, speed)
+    with progress(as_json) as bars:
+        tell_first_compile(bars, as_json)
+        comparison = compare_strips(model, height / 1e3, speed, bars.counting("strips"))
     if as_json:
         typer.echo(json.dumps(comparison.summary(), indent=1))
         return
-    for line in comparison.lines():
-        typer.echo(line)
+    print_lines(comparison.lines(), indent=" " * 13)

@@ -2,11 +2,14 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
+from rfca_rig.clock import Clock
 from rfca_rig.codecs.ati_serial import RecordForm
 from rfca_rig.description.sections import Positive, Section
 from rfca_rig.drivers.ati_serial import AtiSerialSettings
+from rfca_rig.drivers.roles import ForceSensor as ForceSensorRole
+from rfca_rig.drivers.serial_port import SerialPort, open_port
 from rfca_rig.errors import BadInput
 
 Port = Annotated[int, Field(gt=0, le=65535)]
@@ -75,4 +78,38 @@ class AtiDaqSection(Section):
     channels: str = "Dev1/ai0:5"
 
 
-ForceSensor = Annotated[NetFtSection | AtiSerialSection | AtiDaqSection, Field(discriminator="device")]
+class OwnForceSensorSection(Section):
+    """A sensor of a lab's own, read by what `file` defines as FORCE_SENSOR; `twin_file` defines its TWIN. Both count from the rig file's
+    folder.
+
+    Here the other keys are only carried along: what they must be, FORCE_SENSOR says when the rig file is read (`own_devices`).
+    """
+
+    model_config = ConfigDict(extra="allow")
+
+    device: Literal["own"]
+    file: Annotated[str, Field(min_length=1)]
+    twin_file: Annotated[str, Field(min_length=1)] | None = None
+    rate_Hz: Positive
+
+
+class ForceSensorKeys(OwnForceSensorSection):
+    """What a lab's file inherits for its FORCE_SENSOR: the keys of [force_sensor], and the driver they make."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    counts_per_N: Positive
+    counts_per_Nm: Positive
+    port: str = "/dev/ttyUSB0"
+    bits_per_s: Annotated[int, Field(gt=0)] = 115_200
+
+    def open(self) -> SerialPort:
+        """The way to the sensor, to be closed by the caller; override it for one that is on no serial port. Raises DeviceError."""
+        return open_port(self.port, self.bits_per_s)
+
+    def driver(self, port: SerialPort, clock: Clock) -> ForceSensorRole:
+        """The driver on that port."""
+        raise NotImplementedError("FORCE_SENSOR defines no driver(port, clock)")
+
+
+ForceSensor = Annotated[NetFtSection | AtiSerialSection | AtiDaqSection | OwnForceSensorSection, Field(discriminator="device")]

@@ -2,10 +2,14 @@
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, field_validator, model_validator
+import can
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
+from rfca_rig.clock import Clock
 from rfca_rig.codecs.cubemars_ranges import MIT_RANGES
 from rfca_rig.description.sections import Positive, Section
+from rfca_rig.drivers.can_bus import CanBusSettings
+from rfca_rig.drivers.roles import ShaftMotor
 
 LOOP_RATE_HZ = 500.0  # of commands while a stroke runs: what a drive that only answers reports at
 
@@ -142,4 +146,46 @@ class MoteusSection(MotorSection):
         return self.data_bitrate
 
 
-Motor = Annotated[OdriveSection | CubemarsMitSection | CubemarsServoSection | MoteusSection, Field(discriminator="device")]
+class OwnMotorSection(MotorSection):
+    """A drive of a lab's own, led by what `file` defines as MOTOR; `twin_file` defines its TWIN. Both count from the rig file's folder.
+
+    Here the other keys are only carried along: what they must be, MOTOR says when the rig file is read (`own_devices`).
+    """
+
+    model_config = ConfigDict(extra="allow")
+
+    device: Literal["own"]
+    file: Annotated[str, Field(min_length=1)]
+    twin_file: Annotated[str, Field(min_length=1)] | None = None
+
+
+class MotorKeys(OwnMotorSection):
+    """What a lab's file inherits for its MOTOR: the keys of [motor], and the driver they make.
+
+    `zero_turns` is the encoder's reading, in motor turns, with the leg horizontal; a drive that reports only when asked has no
+    `report_period_ms`. `angle_gain_per_s` turns an angle that is missing into a speed.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    gear_ratio: Positive = 1.0
+    zero_turns: float
+    report_period_ms: Positive | None = None
+    angle_gain_per_s: Positive = 20.0
+
+    @property
+    def reports_Hz(self) -> float:
+        return LOOP_RATE_HZ if self.report_period_ms is None else 1e3 / self.report_period_ms
+
+    def open(self) -> can.BusABC:
+        """The bus, to be shut by the caller; override it for a drive that is on none. Raises what python-can raises."""
+        return CanBusSettings(self.interface, self.channel, self.bitrate, self.fd_bitrate).open()
+
+    def driver(self, bus: can.BusABC, clock: Clock, silent_s: float) -> ShaftMotor:
+        """The driver on that bus; no report for `silent_s` is a fault."""
+        raise NotImplementedError("MOTOR defines no driver(bus, clock, silent_s)")
+
+
+Motor = Annotated[
+    OdriveSection | CubemarsMitSection | CubemarsServoSection | MoteusSection | OwnMotorSection, Field(discriminator="device")
+]

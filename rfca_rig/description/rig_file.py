@@ -9,8 +9,9 @@ from pydantic import Field, model_validator
 from rfca_rig.description.believed import believed_model
 from rfca_rig.description.camera_file import CameraFile
 from rfca_rig.description.camera_sections import CameraSection, PhotoFolderSection, TwinCameraSection
-from rfca_rig.description.force_sensor_sections import AtiDaqSection, ForceSensor
-from rfca_rig.description.motor_sections import Motor
+from rfca_rig.description.force_sensor_sections import AtiDaqSection, ForceSensor, OwnForceSensorSection
+from rfca_rig.description.motor_sections import Motor, OwnMotorSection
+from rfca_rig.description.own_devices import own_force_sensor, own_motor
 from rfca_rig.description.sections import (
     DriveSection,
     Effects,
@@ -22,7 +23,7 @@ from rfca_rig.description.sections import (
     Section,
     SensorSection,
 )
-from rfca_rig.description.toml import model_of, read_text, read_toml
+from rfca_rig.description.toml import model_of, read_text
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.protocol.experiments import RigFacts
@@ -156,6 +157,8 @@ class RigFile(Section):
         if self.camera is None:
             return None
         path = Path(self.camera.calibration_file)
+        if not path.is_file():
+            raise BadInput(f"{path}: not there; [camera] of the rig file names it as calibration_file: rfca-rig calibrate camera writes one")
         return self.eye_behind(read_text(path), path)
 
     def eye_behind(self, camera_text: str, path: Path) -> Eye | None:
@@ -185,7 +188,17 @@ class RigFile(Section):
 
 def read_rig(path: Path) -> RigFile:
     """The rig described in `path`; BadInput, with file and line, where it cannot be used."""
-    return _with_files_beside(path.parent, read_toml(path, RigFile))
+    text = read_text(path)
+    return _with_files_beside(path.parent, _with_own_devices(text, path, model_of(text, RigFile, path)))
+
+
+def _with_own_devices(text: str, path: Path, rig: RigFile) -> RigFile:
+    """The rig, with the sections of a lab's own devices as their files have them."""
+    if isinstance(rig.motor, OwnMotorSection):
+        rig = rig.model_copy(update={"motor": own_motor(rig.motor, text, path)})
+    if isinstance(rig.force_sensor, OwnForceSensorSection):
+        rig = rig.model_copy(update={"force_sensor": own_force_sensor(rig.force_sensor, text, path)})
+    return rig
 
 
 def _with_files_beside(folder: Path, rig: RigFile) -> RigFile:

@@ -40,6 +40,17 @@ def model_of(text: str, model: type[Model], path: Path) -> Model:
         raise BadInput(f"{_place(path, line_of(text, fault.key))}: {fault.text}{more}") from None
 
 
+def section_of(text: str, name: str, model: type[Model], path: Path) -> Model:
+    """The table `name` of a text that stood at `path`, and was read before, as a `model` of its own; with the same messages."""
+    data = _parsed(text, path)[name]
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        fault, more = _first_fault(error, model, data)
+        shown = f"{name}.{fault.text}" if fault.key else f"{name}: {fault.text}"
+        raise BadInput(f"{_place(path, line_of(text, (name, *fault.key)))}: {shown}{more}") from None
+
+
 def checked(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
     """`data` as `model`; raises BadInput `WHERE: key: what is wrong`."""
     try:
@@ -169,7 +180,7 @@ def _keys_at(table: Key, model: type[BaseModel], tags: set[str]) -> list[str]:
         if isinstance(part, str):
             inner = [inner for outer in here if part in outer.model_fields for inner in _models_in(outer.model_fields[part].annotation)]
             here = [member for member in inner if tags & _tags_of(member)] or inner
-    return list(dict.fromkeys(name for found in here for name in found.model_fields))
+    return list(dict.fromkeys(field.alias or name for found in here for name, field in found.model_fields.items()))
 
 
 def _tags_of(model: type[BaseModel]) -> set[str]:

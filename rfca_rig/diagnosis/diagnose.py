@@ -14,7 +14,7 @@ from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.deciding import Decision, decided
 from rfca_rig.diagnosis.evidence import evidence_of
 from rfca_rig.diagnosis.nuisances import nuisances_of
-from rfca_rig.diagnosis.result import Diagnosis
+from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
 from rfca_rig.diagnosis.search import Found, Progress, searched
 from rfca_rig.diagnosis.stages import HOLD_S, StageTable, stage_tables
 from rfca_rig.diagnosis.strokes import FlapCondition, flap_condition, turn_of
@@ -27,6 +27,7 @@ from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.recording.form import Recording, Stroke
+from rfca_rig.recording.identity import identity_of
 
 Floats = NDArray[np.float64]
 
@@ -73,7 +74,11 @@ def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits
     drive = None if body.as_commanded or not body.shafts else _drive(body, leg, progress)
     verdicts = Verdicts(leg, decided(leg, len(effects)), drive, None if drive is None else decided(drive, len(SEEN_ON_THE_SHAFT)))
     progress("summing up", 0.97)
-    return summed_up(body, verdicts, effects, limits)
+    return replace(summed_up(body, verdicts, effects, limits), recordings=tuple(map(_named, recordings)))
+
+
+def _named(recording: Recording) -> Diagnosed:
+    return Diagnosed(recording.title, recording.source, identity_of(recording.title, recording.source, recording.provenance))
 
 
 def _body(recordings: Sequence[Recording]) -> tuple[Body, tuple[StageTable, ...]]:

@@ -1,6 +1,5 @@
 """Everything that was recorded, as rows, and the model's answer to the same."""
 
-import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.crew.cores import cores
 from rfca_rig.diagnosis.rows import Rows, stacked
 from rfca_rig.diagnosis.stages import StageTable
 from rfca_rig.diagnosis.strokes import FlapCondition
@@ -17,7 +17,7 @@ from rfca_rig.errors import BadInput, SimulationFailed
 
 Floats = NDArray[np.float64]
 
-THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+THREADS = cores()
 
 
 class Part(Protocol):

@@ -112,6 +112,15 @@ class Overlay:
 
 
 @dataclass(frozen=True)
+class Diagnosed:
+    """A recording that the diagnosis is about: by its title, and by an identity that holds wherever it lies."""
+
+    title: str
+    source: str
+    identity: str
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The whole answer. `sentence` says the verdict in words; `settings` what it rests on (model error, scatter, priors, seeds)."""
 
@@ -135,3 +144,4 @@ class Diagnosis:
     settings: Mapping[str, object]
     found_effects: tuple[PresentEffect, ...]
     found_rig: RigModel
+    recordings: tuple[Diagnosed, ...] = ()

@@ -8,7 +8,15 @@ from rfca_rig.bench.motors import open_bus
 from rfca_rig.clock import Clock
 from rfca_rig.codecs.cubemars_ranges import mit_ranges
 from rfca_rig.codecs.odrive_messages import Dialect
-from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, Motor, MotorSection, OdriveSection
+from rfca_rig.description.motor_sections import (
+    CubemarsMitSection,
+    CubemarsServoSection,
+    MoteusSection,
+    Motor,
+    MotorSection,
+    OdriveSection,
+    OwnMotorSection,
+)
 from rfca_rig.doctor.finding import Colour, Finding
 from rfca_rig.doctor.judging.can_bus import CanBusSeen, judge_can_bus
 from rfca_rig.doctor.judging.can_interface import judge_can_interface
@@ -78,3 +86,5 @@ def _drive(motor: Motor, listener: Listener) -> list[Finding]:
         case MoteusSection():
             seen = look_for_moteus(listener, motor.drive_id, motor.can_prefix, motor.bitrate_switch)
             return judge_moteus(seen, motor.drive_id)
+        case OwnMotorSection():
+            return []  # its own driver is asked: own_checks

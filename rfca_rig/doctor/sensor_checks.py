@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from rfca_rig.clock import Clock
-from rfca_rig.description.force_sensor_sections import AtiDaqSection, AtiSerialSection, ForceSensor, NetFtSection
+from rfca_rig.description.force_sensor_sections import AtiDaqSection, AtiSerialSection, ForceSensor, NetFtSection, OwnForceSensorSection
 from rfca_rig.doctor.finding import Colour, Finding
 from rfca_rig.doctor.judging.ati_daq import judge_calibration, judge_card
 from rfca_rig.doctor.judging.ati_serial import judge_controller
@@ -29,6 +29,8 @@ def check_sensor(sensor: ForceSensor, clock: Clock) -> Iterator[Finding]:
             return _controller(sensor, clock)
         case AtiDaqSection():
             return _daq(sensor)
+        case OwnForceSensorSection():
+            return iter(())  # its own driver is asked: own_checks
 
 
 def _netft(sensor: NetFtSection, clock: Clock) -> Iterator[Finding]:

@@ -5,8 +5,9 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from rfca_rig.drivers.roles import ForceSamples, ShaftSamples
+from rfca_rig.drivers.roles import ForceSamples, MotorStatus, ShaftSamples
 from rfca_rig.engine.bench import Bench
+from rfca_rig.engine.onlooker import NOBODY, Onlooker, Tick
 from rfca_rig.engine.tap import Listener, Tap
 from rfca_rig.engine.watch import Watch
 from rfca_rig.engine.watches.shaft import Tracking
@@ -27,8 +28,9 @@ class Loop:
     operator wants at once, is raised at the end of a tick; after `end` no command leaves any more.
     """
 
-    def __init__(self, bench: Bench, limits: Limits, wishes: Wishes | None = None) -> None:
+    def __init__(self, bench: Bench, limits: Limits, wishes: Wishes | None = None, onlooker: Onlooker = NOBODY) -> None:
         self._bench = bench
+        self._onlooker = onlooker
         scale = bench.sensor.scale()
         self._counts_per_unit = np.repeat([scale.counts_per_N, scale.counts_per_Nm], 3)
         self._limits = limits
@@ -39,10 +41,13 @@ class Loop:
         self._is_over = False
         self._tick_s = bench.clock.now_s()
         self._woke_s = self._tick_s
+        self._late_s = 0.0
+        self._status: MotorStatus | None = None
         self.worst_gap_s = 0.0
         self.angle_rad = 0.0
         self.speed_rad_s = 0.0
         self.target_rad = 0.0
+        self._target_speed_rad_s = 0.0
 
     @property
     def now_s(self) -> float:
@@ -109,6 +114,7 @@ class Loop:
         """The drive's watchdog sees the time between commands, which is that between ends of waiting."""
         now_s = self._bench.clock.now_s()
         gap_s, self._woke_s = now_s - self._woke_s, now_s
+        self._late_s = gap_s - period_s
         self.worst_gap_s = max(self.worst_gap_s, gap_s)
         self._watch.gap(gap_s, period_s)
 
@@ -117,21 +123,27 @@ class Loop:
             raise DeviceError("the run has stopped; nothing moves before it is begun anew")
 
     def _check(self, target_rad: float, target_speed_rad_s: float) -> None:
-        self.target_rad = target_rad
+        self.target_rad, self._target_speed_rad_s = target_rad, target_speed_rad_s
         self._read()
         now = Tracking(target_rad, self.angle_rad, target_speed_rad_s, self.speed_rad_s)
-        self._watch.motion(self.now_s, self._bench.motor.status(), now)
+        self._status = self._bench.motor.status()
+        self._watch.motion(self.now_s, self._status, now)
         self._wishes.obey_now()
 
     def _read(self) -> bool:
         shaft, force = self._hear()
         for listener in self._listeners:
             listener(shaft, force)
+        self._show(shaft, force)
         self._watch.reports(self.now_s, shaft, force)
         self._remember_force(force)
         if len(shaft.angle_rad):
             self.angle_rad, self.speed_rad_s = float(shaft.angle_rad[-1]), float(shaft.speed_rad_s[-1])
         return len(shaft.angle_rad) > 0
+
+    def _show(self, shaft: ShaftSamples, force: ForceSamples) -> None:
+        target = self.target_rad, self._target_speed_rad_s
+        self._onlooker.tick(Tick(self.now_s, shaft, force, *target, self._late_s, self.worst_gap_s, self._status))
 
     def _hear(self) -> tuple[ShaftSamples, ForceSamples]:
         with on_the_bus():

@@ -7,6 +7,7 @@ from rfca_rig.engine.approaching import Approaches
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.cycling import cycle
 from rfca_rig.engine.loop import Loop
+from rfca_rig.engine.onlooker import NOBODY, Onlooker
 from rfca_rig.engine.settling import settle
 from rfca_rig.engine.sink import Sink
 from rfca_rig.engine.stages import TICK_S, approach, flap, hold, move
@@ -23,10 +24,14 @@ Progress = Callable[[Stage], None]
 
 @dataclass(frozen=True)
 class Supervision:
-    """What a run is watched with besides the plan's limits: the load that the model expects of each stage, and the operator's wishes."""
+    """What a run is watched with besides the plan's limits: the load that the model expects of each stage, the operator's wishes.
+
+    The onlooker sees all, and decides nothing.
+    """
 
     expected: Mapping[Stage, Load] = field(default_factory=dict)
     wishes: Wishes = field(default_factory=Wishes)
+    onlooker: Onlooker = NOBODY
 
 
 def run_plan(plan: Plan, bench: Bench, sink: Sink, progress: Progress, supervision: Supervision | None = None) -> None:
@@ -53,7 +58,8 @@ class _Run:
         self._sink = sink
         self._expected = supervision.expected
         self._wishes = supervision.wishes
-        self._loop = Loop(bench, plan.limits, supervision.wishes)
+        self._onlooker = supervision.onlooker
+        self._loop = Loop(bench, plan.limits, supervision.wishes, supervision.onlooker)
         self._approaches = Approaches(plan.limits, supervision.expected)
         self._is_cut_short = False
 
@@ -62,6 +68,7 @@ class _Run:
             for stage in self._until_wished():
                 self._wishes.is_ticking = not isinstance(stage, SetHeight)
                 self._loop.expect(self._expected.get(stage))
+                self._onlooker.stage(stage, self._expected.get(stage))
                 self._carry_out(stage)
                 progress(stage)
             self._halt()
@@ -119,6 +126,9 @@ class _Run:
         """Hands come near the leg, so the motor is without torque meanwhile; afterwards it holds where it finds the shaft."""
         switch_off(self._bench)
         self._bench.rack.set_height(stage.height_m)
+        self._onlooker.energising()
+        if self._wishes.wish:
+            self._wishes.obey_at_safe_point()
         self._bench.sensor.start()
         self._bench.motor.enable()
         self._loop.begin()

@@ -8,18 +8,20 @@ drawn by lot from what such a rig can do.
 import json
 import shutil
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.crew.doing import Failed, done
+from rfca_rig.crew.form import Crew
+from rfca_rig.crew.told import Told, silent
+from rfca_rig.errors import BadInput, RigError, SimulationFailed
 from rfca_rig.exam.campaign_of import add_experiment
 from rfca_rig.exam.cases import POOR_DATA, Case, drawn_cases
-from rfca_rig.exam.crew import Told, silent
 from rfca_rig.exam.examine import DIAGNOSES, Diagnose
 from rfca_rig.exam.marking import DIAGNOSIS
 from rfca_rig.exam.outcome import RIGHT, Truth, outcome, truth_in
@@ -51,20 +53,28 @@ class FollowUp:
     said: str
 
 
-def follow_up(folder: Path, diagnose: Diagnose, executor: Executor, told: Told = silent) -> None:
-    """All open cases of a finished exam, each followed in both ways, into `folder`/follow-ups. What was followed already stays."""
+def follow_up(folder: Path, diagnose: Diagnose, crew: Crew, told: Told = silent) -> None:
+    """All open cases of a finished exam, each followed in both ways, into `folder`/follow-ups. What was followed already stays.
+
+    Raises RigError where one could not be followed, when the others are done.
+    """
     plan = read_plan(folder)
     cases = {case.id: case for case in drawn_cases(plan.seed, plan.numbers) if case.kind == POOR_DATA}
     truths = {truth["case"]: truth_in(truth) for truth in open_all(folder) if truth["case"] in cases}
     jobs = [(case, truths[id_], arm) for id_, case in cases.items() for arm in ARMS]
-    asked = [executor.submit(followed, case, truth, arm, folder, diagnose) for case, truth, arm in jobs]
-    for done, future in enumerate(asked, start=1):
-        future.result()
-        told("open cases followed", done, len(jobs))
+    failed: dict[str, Failed] = {}
+    for number, ((case, _, _), result) in enumerate(done(crew, partial(followed, folder.resolve(), diagnose), jobs), start=1):
+        if isinstance(result, Failed):
+            failed[case.id] = result
+        told("open cases followed", number, len(jobs))
+    if failed:
+        first, why = min(failed.items())
+        raise RigError(f"{len(failed)} open cases could not be followed, as {first} with {why.reason}; the same command tries them again")
 
 
-def followed(case: Case, truth: Truth, arm: str, folder: Path, diagnose: Diagnose) -> FollowUp:
+def followed(folder: Path, diagnose: Diagnose, job: tuple[Case, Truth, str]) -> FollowUp:
     """One case in one way. Raises RigError where a campaign cannot be written."""
+    case, truth, arm = job
     place = folder / FOLDER / f"{case.id}-{arm.replace(' ', '-')}"
     result = place / RESULT
     if result.is_file():

@@ -25,11 +25,13 @@ def mark(cases: Path, diagnoses: Path) -> Marks:
 
 def wording(marks: Marks) -> Iterator[str]:
     """The marks as lines of text."""
-    yield f"{'kind':32s}" + "".join(f"{word:>10s}" for word in OUTCOMES)
+    wide = max(map(len, ("kind", *marks.outcomes)))
+    yield f"{'kind':{wide}}" + "".join(f"  {word}" for word in OUTCOMES)
     for kind, counted in marks.outcomes.items():
-        yield f"{kind:32s}" + "".join(f"{counted.get(word, 0) or '.':>10}" for word in OUTCOMES)
+        yield f"{kind:{wide}}" + "".join(f"  {counted.get(word, 0) or '.':>{len(word)}}" for word in OUTCOMES)
     yield ""
-    yield from (_line(bar) for bar in bars(marks))
+    for bar in bars(marks):
+        yield from _lines(bar)
     yield ""
     if any(each.of for each in marks.power):
         yield "one effect, right or in class, by strength: " + ", ".join(f"{each.hits}/{each.of}" for each in marks.power)
@@ -45,11 +47,12 @@ def wording(marks: Marks) -> Iterator[str]:
     yield from (f"{miss.case} ({miss.kind}): {miss.reason}" for miss in marks.worst)
 
 
-def _line(bar: Bar) -> str:
+def _lines(bar: Bar) -> Iterator[str]:
     asked = " and ".join(f"{word} {limit:g}" for word, limit in (("at least", bar.at_least), ("at most", bar.at_most)) if limit is not None)
     said = {True: "passed", False: "FAILED", None: "-"}[bar.passed]
     value = f"{bar.value:.3f}" if np.isfinite(bar.value) else "-"
-    return f"{said:7s} {bar.name:53s} {value:>6s}  {asked:30s} {bar.counted}"
+    yield f"{said:7s} {bar.name:60s} {value:>6s}"
+    yield f"{'':7s} {asked}; {bar.counted}"
 
 
 def _confused(marks: Marks) -> Iterator[str]:

@@ -1,20 +1,25 @@
 """Writes cases of the exam: python -m rfca_rig.exam.write --out DIR --seed 1 --cases 40."""
 
 import argparse
-import shutil
 import sys
-from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
+from rfca_rig.crew.doing import Failed, done
+from rfca_rig.crew.form import Crew
+from rfca_rig.crew.local import crew as crew_here
+from rfca_rig.crew.told import Told, silent
 from rfca_rig.errors import RigError
 from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import KINDS, Case, drawn_cases, shared_out
-from rfca_rig.exam.crew import Told, crew, silent
 from rfca_rig.exam.plan import Plan, begin
 from rfca_rig.exam.sealing import complete, is_sealed, seal_all, unwritten
 from rfca_rig.exam.truth import truth_of
+from rfca_rig.recording.whole import sweep_out, whole
+
+Result = TypeVar("Result")
 
 CAMPAIGNS = "campaigns"
 
@@ -22,47 +27,56 @@ CAMPAIGNS = "campaigns"
 def write_cases(folder: Path, seed: int, numbers: Mapping[str, int], workers: int = 0) -> list[Path]:
     """Writes as many cases of each kind as `numbers` says; returns the campaign folders, `folder`/campaigns/case-NNNN.
 
-    The truths are sealed before the first campaign is written. `workers` processes share the work, see `crew`. What is there already
+    The truths are sealed before the first campaign is written. `workers` processes share the work, see `crew.local`. What is there already
     from the same plan stays as it is. Raises BadInput where `folder` holds something else, or where a kind is unknown.
     """
     plan = Plan(seed, numbers)
-    with crew(workers) as executor:
-        return write_all(folder, plan, executor)
+    with crew_here(workers) as crew:
+        return write_all(folder, plan, crew)
 
 
-def write_all(folder: Path, plan: Plan, executor: Executor, told: Told = silent) -> list[Path]:
-    """The same, by `executor`; `told` hears how far it is."""
+def write_all(folder: Path, plan: Plan, crew: Crew, told: Told = silent) -> list[Path]:
+    """The same, by `crew`; `told` hears how far it is."""
     begin(folder, plan)
     cases = drawn_cases(plan.seed, plan.numbers)
-    _seal(cases, folder, executor, told)
-    folders = [folder / CAMPAIGNS / case.id for case in cases]
-    to_write = [(case, into) for case, into in zip(cases, folders, strict=True) if not into.is_dir()]
-    there = len(cases) - len(to_write)
-    told("campaigns written", there, len(cases))
-    for done, _ in enumerate(executor.map(_write_whole, *zip(*to_write, strict=True)) if to_write else (), start=there + 1):
-        told("campaigns written", done, len(cases))
-    return folders
+    _seal(cases, folder, crew, told)
+    campaigns = folder / CAMPAIGNS
+    sweep_out(campaigns)
+    to_write = [case for case in cases if not (campaigns / case.id).is_dir()]
+    _work_off(crew, partial(_write_whole, campaigns.resolve()), to_write, "campaigns written", told, len(cases))
+    return [campaigns / case.id for case in cases]
 
 
-def _seal(cases: Sequence[Case], folder: Path, executor: Executor, told: Told) -> None:
+def _seal(cases: Sequence[Case], folder: Path, crew: Crew, told: Told) -> None:
     """Seals all truths, or completes what was sealed."""
     sealed = is_sealed(folder)
     missing = set(unwritten(folder)) if sealed else {case.id for case in cases}
     to_seal = [case for case in cases if case.id in missing]
-    told("truths sealed", len(cases) - len(to_seal), len(cases))
-    truths: list[dict[str, Any]] = []
-    for truth in executor.map(truth_of, to_seal):
-        truths.append(truth)
-        told("truths sealed", len(cases) - len(to_seal) + len(truths), len(cases))
-    (complete if sealed else seal_all)(truths, folder)
+    truths = _work_off(crew, truth_of, to_seal, "truths sealed", told, len(cases))
+    (complete if sealed else seal_all)([truths[case.id] for case in to_seal], folder)
 
 
-def _write_whole(case: Case, folder: Path) -> None:
-    """A campaign that is there is whole: it gets its name last."""
-    partial = folder.with_name(f".{folder.name}.writing")
-    shutil.rmtree(partial, ignore_errors=True)
-    write_campaign(case, partial)
-    partial.rename(folder)
+def _work_off(crew: Crew, work: Callable[[Case], Result], cases: Sequence[Case], what: str, told: Told, of: int) -> dict[str, Result]:
+    """The results by case. Raises RigError where there is none of some."""
+    results: dict[str, Result] = {}
+    failed: dict[str, Failed] = {}
+    told(what, of - len(cases), of)
+    for case, result in done(crew, work, cases):
+        if isinstance(result, Failed):
+            failed[case.id] = result
+        else:
+            results[case.id] = result
+        told(what, of - len(cases) + len(results), of)
+    if failed:
+        first, why = min(failed.items())
+        raise RigError(f"{what}: all but {len(failed)} of {of}, as {first} not with {why.reason}; the same command tries them again")
+    return results
+
+
+def _write_whole(campaigns: Path, case: Case) -> None:
+    """A campaign that is there is whole."""
+    with whole(campaigns / case.id) as into:
+        write_campaign(case, into)
 
 
 def main() -> int:

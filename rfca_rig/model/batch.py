@@ -1,6 +1,5 @@
 """Many strokes at once, on all cores."""
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -8,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.crew.cores import cores
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ShaftMotion
@@ -34,7 +34,7 @@ def strokes(jobs: Sequence[Job], threads: int | None = None) -> list[SimulatedSt
     On `threads`, or as many as there are cores: the compiled chain runs beside itself. Each thread takes every n-th job, so that
     neighbours, which tend to cost alike, are shared out. Raises BadInput for effects that do not fit, like a single stroke.
     """
-    count = max(1, min(threads or os.cpu_count() or 1, len(jobs)))
+    count = max(1, min(threads or cores(), len(jobs)))
     if count == 1:
         return [_stroke(job) for job in jobs]
     done: list[SimulatedStroke | SimulationFailed] = [SimulationFailed("not simulated")] * len(jobs)

@@ -8,7 +8,7 @@ import importlib
 import importlib.util
 import os
 import pkgutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -28,8 +28,19 @@ def catalogue() -> dict[str, Effect]:
 @cache
 def _catalogue(folder: str | None) -> dict[str, Effect]:
     own = (importlib.import_module(f"{effects.__name__}.{module.name}") for module in pkgutil.iter_modules(effects.__path__))
-    labs = _lab_modules(Path(folder)) if folder else iter(())
-    return {effect.id: effect for effect in (_effect_of(module) for modules in (own, labs) for module in modules)}
+    packaged = {effect.id: effect for effect in map(_effect_of, own)}
+    return packaged | {name: effect for name, (effect, _) in _lab_effects(folder).items()}
+
+
+def lab_texts(ids: Collection[str]) -> dict[str, str]:
+    """The files of those of these effects that are a lab's own, by id: what a recording keeps of them."""
+    return {name: text for name, (_, text) in _lab_effects(os.environ.get(FOLDER_VARIABLE)).items() if name in ids}
+
+
+@cache
+def _lab_effects(folder: str | None) -> dict[str, tuple[Effect, str]]:
+    modules = _lab_modules(Path(folder)) if folder else iter(())
+    return {(effect := _effect_of(module)).id: (effect, Path(str(module.__file__)).read_text(encoding="utf-8")) for module in modules}
 
 
 def _lab_modules(folder: Path) -> Iterator[ModuleType]:

@@ -33,8 +33,11 @@ CACHE_FOLDER = cache_folder()
 
 
 def is_warm() -> bool:
-    """Whether an earlier process has left compiled code of this source; without it the first stroke takes some ten seconds."""
-    return Path(CACHE_FOLDER).is_dir()
+    """Whether an earlier process has left compiled code of this source; without it the first stroke takes up to a minute.
+
+    The folder alone says nothing: it is made as soon as a function is marked to be compiled.
+    """
+    return any(Path(CACHE_FOLDER).rglob("*.nbi"))
 
 
 def compiled(function: Function) -> Function:

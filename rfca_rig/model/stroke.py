@@ -21,12 +21,13 @@ Floats = NDArray[np.float64]
 class SimulatedStroke:
     """A stroke of the model, in the sensor's axes and signs.
 
-    `t_s` (m,); `q_rad` (m, n) absolute link angles; `fy_N`, `fz_N`, `tx_Nm`, `shaft_torque_Nm` (m,);
+    `t_s` (m,); `q_rad`, `w_rad_s` (m, n) absolute link angles and their speeds; `fy_N`, `fz_N`, `tx_Nm`, `shaft_torque_Nm` (m,);
     `normal_N`, `tangential_N` (m, n) at the end of each link.
     """
 
     t_s: Floats
     q_rad: Floats
+    w_rad_s: Floats
     fy_N: Floats
     fz_N: Floats
     tx_Nm: Floats
@@ -74,6 +75,7 @@ def stroke_of(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None) -> 
     return SimulatedStroke(
         t_s=t_s,
         q_rad=everything.q[:, :links],
+        w_rad_s=everything.w[:, :links],
         fy_N=felt.fy_N,
         fz_N=felt.fz_N,
         tx_Nm=felt.tx_Nm,

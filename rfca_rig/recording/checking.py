@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import BadInput
+from rfca_rig.nearest import not_there
 from rfca_rig.recording.journal import blocks_in, size_of
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGES, SUMS, journals, stage_files
 from rfca_rig.recording.run_text import events_of, read_ending, read_header
@@ -45,7 +46,7 @@ def _check_older(folder: Path) -> Iterator[Finding]:
     """A run of an older version is one recording, or parts of one."""
     files = sorted((*folder.glob("*.h5"), *folder.glob("*.h5.partial/*.h5")))
     if not files:
-        raise BadInput(f"{folder}: holds no run")
+        raise BadInput(f"{folder}: holds no run; rfca-rig runs lists those there are" if folder.exists() else not_there(folder))
     for file in files:
         yield _guarded(file.relative_to(folder).as_posix(), partial(_opened, file))
 

@@ -16,6 +16,11 @@ class Keeper(Protocol):
     @property
     def acknowledged(self) -> int: ...
 
+    @property
+    def backlog_bytes(self) -> int:
+        """Handed over, and not on its way to the disk yet."""
+        ...
+
     def give(self, block: Block) -> None:
         """Hands over. Raises what ends the run: DiskFull, Tripped where the recorder cannot keep up, RigError where it is no more."""
         ...
@@ -46,6 +51,10 @@ class DirectKeeper:
     @property
     def acknowledged(self) -> int:
         return self._writer.acknowledged
+
+    @property
+    def backlog_bytes(self) -> int:
+        return 0
 
     def give(self, block: Block) -> None:
         self._writer.take(block)

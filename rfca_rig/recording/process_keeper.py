@@ -56,6 +56,11 @@ class ProcessKeeper:
     def acknowledged(self) -> int:
         return self._acknowledged if self._child.closed else self._queue.acknowledged
 
+    @property
+    def backlog_bytes(self) -> int:
+        """Handed over, and not taken yet."""
+        return 0 if self._child.closed else self._queue.waiting
+
     def give(self, block: Block) -> None:
         content = framed(block)
         self._check()

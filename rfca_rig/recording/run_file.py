@@ -6,6 +6,7 @@ from pathlib import Path
 
 import h5py
 
+from rfca_rig.progress import Watcher, counted, unwatched
 from rfca_rig.recording.form import Recording, Source, StaticStage
 from rfca_rig.recording.hdf5_file import FileBeingMade, being_made
 from rfca_rig.recording.layout import RECORDING, stage_files
@@ -19,11 +20,11 @@ from rfca_rig.recording.strokes import GROUP as STROKES
 from rfca_rig.recording.strokes import copy_streams, make_strokes
 
 
-def write_run(folder: Path) -> Steps[Path]:
+def write_run(folder: Path, told: Watcher = unwatched) -> Steps[Path]:
     """Comes to the path of `run.h5`. Raises BadInput, naming the file, where a stage is damaged; RigError, DiskFull."""
     header, ending = read_header(folder), read_ending(folder)
     with being_made(folder / RECORDING) as made:
-        static = yield from _copy_stages(made, stage_files(folder), header.source)
+        static = yield from _copy_stages(made, counted(stage_files(folder), told), header.source)
         _finish(made, folder, replace(header, static=static), ending)
         yield from made.put_in_place()
     return folder / RECORDING

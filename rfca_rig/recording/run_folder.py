@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from rfca_rig.errors import BadInput
+from rfca_rig.progress import Watcher, unwatched
 from rfca_rig.recording.atomic import GrowingFile, refusals, remove, sync_folder
 from rfca_rig.recording.ballast import Ballast
 from rfca_rig.recording.form import Recording, StaticStage
@@ -82,9 +83,12 @@ def merged(header: Recording, stages: Iterable[Recording]) -> Recording:
     )
 
 
-def build(folder: Path) -> Path:
-    """Puts `run.h5` together from the other files, the same bytes every time, and sums up all. Returns its path."""
-    path = at_once(write_run(folder))
+def build(folder: Path, told: Watcher = unwatched) -> Path:
+    """Puts `run.h5` together from the other files, the same bytes every time, and sums up all. Returns its path.
+
+    `told` hears how many of the stages are in it.
+    """
+    path = at_once(write_run(folder, told))
     write_sums(folder)
     return path
 

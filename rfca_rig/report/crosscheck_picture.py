@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from rfca_rig.analysis.crosscheck import CheckedCondition
 from rfca_rig.errors import BadInput
-from rfca_rig.report.overlay import MEASURED, SIMULATED, STYLE
+from rfca_rig.report.look import MEASURED, SIMULATED, drawing
 
 COLUMN_IN, HEIGHT_IN = 3.3, 3.6
 FORMATS = (".svg", ".png", ".pdf")
@@ -19,9 +19,8 @@ FORMATS = (".svg", ".png", ".pdf")
 def write_crosscheck_picture(checked: Sequence[CheckedCondition], path: Path) -> None:
     """Writes `path`, whose ending decides the format. Raises BadInput where it cannot."""
     check_picture_path(path)
-    with mpl.rc_context():
-        mpl.rcdefaults()
-        mpl.rcParams.update({**STYLE, "svg.hashsalt": "crosscheck", "svg.fonttype": "none"})
+    with drawing():
+        mpl.rcParams.update({"svg.hashsalt": "crosscheck", "svg.fonttype": "none"})
         figure = Figure(figsize=(COLUMN_IN * len(checked), HEIGHT_IN), layout="constrained")
         axes = figure.subplots(2, len(checked), squeeze=False, sharex="col", sharey="row", height_ratios=(2.2, 1.0))
         for column, one in zip(axes.T, checked, strict=True):

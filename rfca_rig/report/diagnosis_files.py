@@ -1,23 +1,20 @@
-"""Writes the two files of a diagnosis: diagnosis.json for programs, diagnosis.html for people."""
+"""Writes the files of a diagnosis: diagnosis.json for programs, diagnosis.html for people, tables as CSV and LaTeX for papers."""
 
 from pathlib import Path
 
 from rfca_rig.diagnosis.result import Diagnosis
-from rfca_rig.errors import RigError
-from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.report.diagnosis_json import as_json
 from rfca_rig.report.diagnosis_page import page
+from rfca_rig.report.diagnosis_tables import before_after_table, believed_table, parameters_table, ruled_out_table
 from rfca_rig.report.diagnosis_terminal import terminal_lines
+from rfca_rig.report.files import table_files, write_all
+from rfca_rig.report.origin import Origin
 
 __all__ = ["terminal_lines", "write_diagnosis"]
 
 
-def write_diagnosis(diagnosis: Diagnosis, out: Path) -> None:
-    """Both files into `out`, made where it is not there; the same bytes for the same diagnosis. Raises RigError where the disk refuses."""
-    contents = {"diagnosis.json": as_json(diagnosis), "diagnosis.html": page(diagnosis)}
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RigError(f"{out}: the folder for the diagnosis cannot be made: {error.strerror}; give another with --out") from None
-    for name, text in contents.items():
-        write_atomically(out / name, text.encode("utf-8"))
+def write_diagnosis(diagnosis: Diagnosis, out: Path, origin: Origin | None = None) -> None:
+    """All files into `out`, made where it is not there; the same bytes for the same diagnosis. Raises RigError where the disk refuses."""
+    tables = (parameters_table(diagnosis), believed_table(diagnosis), ruled_out_table(diagnosis), before_after_table(diagnosis))
+    contents = {"diagnosis.json": as_json(diagnosis), **table_files(tables)}
+    write_all(out, {"diagnosis.html": page(diagnosis, origin or Origin(), tuple(contents)), **contents})

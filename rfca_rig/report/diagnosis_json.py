@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from math import isfinite
 from typing import Any
 
@@ -33,6 +34,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "next_experiment": diagnosis.next_experiment,
         "not_tested": [one.id for one in diagnosis.not_seen if one.would_have_seen is None],
         "title": diagnosis.title,
+        "recordings": [asdict(one) for one in diagnosis.recordings],
         "sentence": diagnosis.sentence,
         "gates": [{"name": gate.name, "passed": gate.passed, "found": gate.found} for gate in diagnosis.gates],
         "rivals": [

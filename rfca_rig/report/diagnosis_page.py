@@ -1,28 +1,26 @@
 """diagnosis.html: one self-contained page."""
 
 from collections.abc import Mapping, Sequence
-from math import nan
 from typing import Any
 
-from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, NamedEffect, NotSeen, Rival
+from rfca_rig.diagnosis.result import Diagnosis, Located, NamedEffect, NotSeen, Rival
 from rfca_rig.report.diagnosis_map import BAND_WORDS, maps_of
-from rfca_rig.report.diagnosis_pictures import BEFORE, pictures_of
+from rfca_rig.report.diagnosis_pictures import pictures_of
+from rfca_rig.report.diagnosis_tables import before_after_table
 from rfca_rig.report.diagnosis_wording import (
     chance,
-    decimals,
     entries,
     hypothesis,
     meaning,
     percent,
-    rounded,
     significant,
     sizes,
     verdict_probability,
     within_90,
 )
-from rfca_rig.report.named_units import shown, words_and_unit
-from rfca_rig.report.overlay import MEASURED, SIMULATED
-from rfca_rig.report.templates import beside, template
+from rfca_rig.report.named_units import words_and_unit
+from rfca_rig.report.origin import Origin
+from rfca_rig.report.templates import template
 from rfca_rig.report.wording import NOTHING, counted, unbroken
 
 VERDICT_WORDS = {
@@ -37,17 +35,18 @@ NOTHING_LEFT = {
     "unexplained": "The whole difference shown above.",
     "not enough data": "",
 }
-MOST_PLACES = 4
 SHOWN_RIVALS = 7
 NEGLIGIBLE = 0.001
 
 
-def page(diagnosis: Diagnosis) -> str:
-    """The page as HTML."""
+def page(diagnosis: Diagnosis, origin: Origin, files: Sequence[str] = ()) -> str:
+    """The page as HTML; `files` lie beside it."""
     probability = verdict_probability(diagnosis)
     shown_rivals, other_rivals = _rivals(diagnosis.rivals)
     return template("diagnosis.html").render(
-        style=beside("diagnosis.css"),
+        sheets=("verdict.css", "diagnosis.css"),
+        origin=origin,
+        files=files,
         title=diagnosis.title,
         verdict=diagnosis.verdict,
         verdict_meaning=VERDICT_WORDS[diagnosis.verdict][0],
@@ -59,9 +58,7 @@ def page(diagnosis: Diagnosis) -> str:
         located=[_place(place, diagnosis) for place in diagnosis.located],
         effects=[_effect(effect) for effect in diagnosis.effects],
         named=diagnosis.verdict == "named",
-        figures=_figures(diagnosis),
-        valley=[_figure(name, each) for name, each in diagnosis.valley.items()],
-        held_out=bool(diagnosis.held_out),
+        before_after=before_after_table(diagnosis),
         pictures=pictures_of(diagnosis.overlays),
         gates=[{"name": gate.name, "passed": gate.passed, "found": _text(gate.found)} for gate in diagnosis.gates],
         rivals=shown_rivals,
@@ -74,7 +71,6 @@ def page(diagnosis: Diagnosis) -> str:
         remarks=[_text(text) for text in diagnosis.remarks],
         believed=[(*words_and_unit(name), within_90(value)) for name, value in diagnosis.believed_values.items()],
         settings=entries(diagnosis.settings),
-        colours={"measured": MEASURED, "before": BEFORE, "after": SIMULATED},
     )
 
 
@@ -111,27 +107,6 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "parameters": [(*words_and_unit(name), within_90(value)) for name, value in effect.parameters.items()],
         "cannot_tell_from": [{"id": other, "left_out": meaning(other)} for other in effect.cannot_tell_from],
     }
-
-
-def _figures(diagnosis: Diagnosis) -> list[dict[str, str]]:
-    """One line for each signal, what was held out beside what was fitted."""
-    names = dict.fromkeys([*diagnosis.fit, *(name.removeprefix("held_out_") for name in diagnosis.held_out)])
-    return [_figure(name, diagnosis.fit.get(name), diagnosis.held_out.get(f"held_out_{name}")) for name in names]
-
-
-def _figure(name: str, fit: BeforeAfter | None, held_out: BeforeAfter | None = None) -> dict[str, str]:
-    """All of one line with as many places as the smallest needs for two digits."""
-    floors = [each.noise_floor for each in (fit, held_out) if each is not None and each.noise_floor is not None]
-    values = {
-        "before": fit.before if fit else nan,
-        "after": fit.after if fit else nan,
-        "noise_floor": floors[0] if floors else nan,
-        "held_out_before": held_out.before if held_out else nan,
-        "held_out_after": held_out.after if held_out else nan,
-    }
-    places = max((decimals(value, 2) for value in values.values()), default=0)
-    said = {key: rounded(value, min(max(places, 1), MOST_PLACES)) for key, value in values.items()}
-    return {"name": shown(name.removeprefix("rms_")), **said}
 
 
 def _rivals(rivals: Sequence[Rival]) -> tuple[list[dict[str, Any]], str]:

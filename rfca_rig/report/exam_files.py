@@ -1,7 +1,5 @@
-"""Writes the three files of an exam: exam.html for people, exam.json for programs, exam.csv with a line for each case."""
+"""Writes the files of an exam: exam.html for people, exam.json for programs, exam.csv with a line for each case, tables for papers."""
 
-import csv
-import io
 import json
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -11,28 +9,29 @@ from rfca_rig import __version__
 from rfca_rig.exam.bars import bars
 from rfca_rig.exam.marked import Examined, MarkedCase
 from rfca_rig.exam.score import Marks, Share
-from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.report.diagnosis_json import plain
 from rfca_rig.report.exam_page import page
+from rfca_rig.report.exam_tables import bars_table, confusion_table, ways_table
+from rfca_rig.report.files import table_files, write_all
+from rfca_rig.report.origin import version_text
+from rfca_rig.report.table import Column, Row, Table
+from rfca_rig.report.table_files import as_csv as table_as_csv
 
 FORMAT = "rfca-exam/1"
 HEADER = ("case", "kind", "truth", "verdict", "named", "probability", "outcome", "seconds", "strength", "left_over_noise")
 
 
 def write_exam(exam: Examined, out: Path) -> None:
-    """All three into `out`, which is there. Raises RigError where the disk refuses."""
-    contents = {"exam.json": as_json(exam), "exam.csv": as_csv(exam), "exam.html": page(exam)}
-    for name, text in contents.items():
-        write_atomically(out / name, text.encode("utf-8"))
+    """All files into `out`, which is there. Raises RigError where the disk refuses."""
+    tables = (bars_table(bars(exam.marks)), ways_table(exam.ways), confusion_table(exam.cases))
+    contents = {"exam.json": as_json(exam), "exam.csv": as_csv(exam), **table_files(tables)}
+    write_all(out, {"exam.html": page(exam, tuple(contents), version_text()), **contents})
 
 
 def as_csv(exam: Examined) -> str:
     """A line for each case; several effects are joined by +, and the probability is that of the least sure name."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(HEADER)
-    writer.writerows(_line(case) for case in exam.cases)
-    return text.getvalue()
+    rows = tuple(Row(dict(zip(HEADER, _line(case), strict=True))) for case in exam.cases)
+    return table_as_csv(Table("exam", "", tuple(Column(name) for name in HEADER), rows))
 
 
 def _line(case: MarkedCase) -> list[str]:

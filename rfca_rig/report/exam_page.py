@@ -15,8 +15,9 @@ from rfca_rig.exam.score import DETECTABLE, Marks, Share
 from rfca_rig.exam.worst import LISTED
 from rfca_rig.report import exam_pictures
 from rfca_rig.report.exam_matrix import matrix_of
-from rfca_rig.report.overlay import FAINT, MEASURED
-from rfca_rig.report.templates import beside, template
+from rfca_rig.report.exam_tables import ways_table
+from rfca_rig.report.origin import Origin, typed
+from rfca_rig.report.templates import template
 from rfca_rig.report.wording import NO_BREAK, NOTHING, counted, number
 
 MEANINGS = {
@@ -31,27 +32,26 @@ MEANINGS = {
 PASSED = {True: "passed", False: "failed", None: "none"}
 
 
-def page(exam: Examined) -> str:
-    """The page as HTML."""
+def page(exam: Examined, files: Sequence[str] = (), version: str = __version__) -> str:
+    """The page as HTML; `files` lie beside it."""
     marks, all_bars = exam.marks, bars(exam.marks)
     judged = [bar for bar in all_bars if bar.passed is not None]
     return template("exam.html").render(
-        style=beside("diagnosis.css") + beside("exam.css"),
+        sheets=("verdict.css", "exam.css"),
+        origin=Origin(_command(exam), (), version, "of the same cases"),
+        files=files,
         of=f"Blind exam of the diagnosis: {exam.plan.words}, rfca-rig {__version__}",
         sentence=_sentence(marks, len(exam.cases)),
         passed=sum(bar.passed is True for bar in judged),
         judged=len(judged),
         bars=[_bar(bar) for bar in all_bars],
         detectable=f"{DETECTABLE:g}",
-        ways=[{"arm": way.arm, "settled": f"{way.settled} of {way.of}", "experiments": f"{way.experiments:.2f}"} for way in exam.ways],
+        ways=ways_table(exam.ways),
         outcomes=_outcomes(marks),
         meanings=MEANINGS,
         matrix=matrix_of(exam.cases),
         pictures=_pictures(exam),
         shades=[(colour, words) for _, colour, words in exam_pictures.PARTS],
-        outside=exam_pictures.FALSE,
-        dark=MEASURED,
-        grey=FAINT,
         calibration=_calibration(marks),
         values=_values(marks),
         gap=_gap(marks),
@@ -60,7 +60,6 @@ def page(exam: Examined) -> str:
         worst=[{"case": miss.case, "kind": miss.kind, "reason": miss.reason} for miss in marks.worst],
         listed=LISTED,
         time=_time(exam.cases),
-        command=_command(exam),
     )
 
 
@@ -157,5 +156,6 @@ def _time(marked: Sequence[MarkedCase]) -> str:
 def _command(exam: Examined) -> str:
     """What writes and marks the same cases again."""
     numbers = {kind: number for kind, number in exam.plan.numbers.items() if number}
-    only = f' --kind "{next(iter(numbers))}"' if len(numbers) == 1 else ""
-    return f"rfca-rig prove --out DIR --seed {exam.plan.seed} --cases {sum(numbers.values())}{only}"
+    only = next(iter(numbers)) if len(numbers) == 1 else None
+    options = {"--out": "exam", "--seed": exam.plan.seed, "--cases": sum(numbers.values()), "--kind": only}
+    return typed("prove", options={**options, "--follow-up": bool(exam.ways)})

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from html import escape
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -15,12 +14,8 @@ from rfca_rig.exam.marked import Deviation, MarkedCase
 from rfca_rig.exam.outcome import CLASS, EXTRA, RIGHT, WRONG
 from rfca_rig.exam.score import Share
 from rfca_rig.report.inline_svg import inline_svg
-from rfca_rig.report.overlay import FAINT, MEASURED, STYLE
+from rfca_rig.report.look import ALIKE, BAD, FAINT, MEASURED, PALE, SMALL, drawing
 
-FALSE = "#b34a00"
-IN_CLASS = "#8fa9c6"
-UNNAMED = "#e4e0d8"
-SMALL = 8.2
 WIDTH_IN, HEIGHT_IN = 4.3, 3.1
 LINE_IN = 0.17  # of one effect among the parameters
 SMALLEST, LARGEST = 1e-3, 10.0  # relative errors beyond are drawn at the border
@@ -28,9 +23,9 @@ ASKED = (cases.SINGLE, cases.PAIR)  # whose values and models are marked
 # drawn from below: outcomes, colour, words
 PARTS = (
     ((RIGHT,), MEASURED, "right"),
-    ((CLASS,), IN_CLASS, "in its class"),
-    ((), UNNAMED, "no name"),
-    ((WRONG, EXTRA), FALSE, "false name"),
+    ((CLASS,), ALIKE, "in its class"),
+    ((), PALE, "no name"),
+    ((WRONG, EXTRA), BAD, "false name"),
 )
 
 
@@ -61,9 +56,7 @@ def gaps(marked: Sequence[MarkedCase]) -> str:
 
 
 def _drawn(draw: Callable[[Axes], None], height_in: float, label: str, left_in: float = 0.6) -> str:
-    with mpl.rc_context():
-        mpl.rcdefaults()  # a reader's own matplotlibrc must not change the page
-        mpl.rcParams.update(STYLE)
+    with drawing():
         figure = Figure(figsize=(WIDTH_IN, height_in))
         box = (left_in / WIDTH_IN, 0.5 / height_in, (WIDTH_IN - left_in - 0.22) / WIDTH_IN, (height_in - 0.8) / height_in)
         draw(figure.add_axes(box))
@@ -109,7 +102,7 @@ def _unit_axes(axes: Axes) -> None:
 
 
 def _errors(axes: Axes, deviations: Sequence[Deviation], effects: Sequence[str]) -> None:
-    for covered, face, edge in ((True, MEASURED, MEASURED), (None, FAINT, FAINT), (False, "none", FALSE)):
+    for covered, face, edge in ((True, MEASURED, MEASURED), (None, FAINT, FAINT), (False, "none", BAD)):
         some = [each for each in deviations if each.covered is covered]
         x = np.clip([each.error for each in some], SMALLEST, LARGEST)
         axes.plot(x, [effects.index(each.effect) for each in some], ls="", marker="o", ms=4.2, mfc=face, mec=edge, mew=0.9, alpha=0.85)
@@ -125,7 +118,7 @@ def _errors(axes: Axes, deviations: Sequence[Deviation], effects: Sequence[str])
 
 def _gaps(axes: Axes, closed: Sequence[float]) -> None:
     edges = np.linspace(-0.2, 1.1, 14)
-    axes.hist(np.clip(closed, edges[0] + 1e-9, edges[-1] - 1e-9), edges.tolist(), color=IN_CLASS, edgecolor="white", linewidth=0.8)
+    axes.hist(np.clip(closed, edges[0] + 1e-9, edges[-1] - 1e-9), edges.tolist(), color=ALIKE, edgecolor="white", linewidth=0.8)
     if closed:
         axes.axvline(float(np.median(closed)), color=MEASURED, lw=1.4)
     axes.axvline(0.8, color=FAINT, lw=0.7, ls=(0, (3, 2)))

@@ -6,6 +6,8 @@ import re
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from rfca_rig.report.light_paths import with_light_paths
+
 DECIMALS = 1  # of a point, 1/720 inch: finer than any screen or printer shows at this size
 
 
@@ -21,7 +23,7 @@ def inline_svg(figure: Figure, salt: str, label: str) -> str:
     size = re.search(r'viewBox="[^"]*"', svg)
     body = svg[svg.index(">", svg.index("<svg")) + 1 :]
     box = size.group(0) if size else ""
-    return f'<svg {box} role="img" aria-label="{label}">{_slimmed(body)}'.strip()
+    return f'<svg {box} role="img" aria-label="{label}">{with_light_paths(_slimmed(body))}'.strip()
 
 
 def _slimmed(body: str) -> str:

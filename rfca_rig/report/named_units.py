@@ -3,7 +3,8 @@
 import re
 
 UNIT_WORDS = {"Nm": "N m", "pct": "%", "Ns": "N s"} | {
-    unit: unit for unit in ("N", "m", "mm", "s", "ms", "kg", "g", "rad", "deg", "Hz", "V", "A", "W", "J", "K", "degC", "relative")
+    unit: unit
+    for unit in ("N", "m", "mm", "ppm", "kHz", "s", "ms", "kg", "g", "rad", "deg", "Hz", "V", "A", "W", "J", "K", "degC", "relative")
 }
 POWERS = {"": "", "2": "²", "3": "³", "1p5": "^1.5"}
 SPEEDS = (["m", "s"], ["mm", "s"], ["rad", "s"], ["deg", "s"])  # speed_m_s: the one quotient that is written without "per"

@@ -2,9 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -14,14 +12,9 @@ from rfca_rig.analysis.compare import ComparedCondition
 from rfca_rig.analysis.valley import Valley
 from rfca_rig.report.envelope import envelope
 from rfca_rig.report.inline_svg import inline_svg
+from rfca_rig.report.look import FAINT, MEASURED, SIMULATED, SIMULATED_EDGE, SMALL, drawing
 
 Floats = NDArray[np.float64]
-
-# A dark thin line over a light broad one: apart in greyscale and for every kind of colour vision, and both seen where they coincide.
-MEASURED = "#173f6b"
-SIMULATED = "#f2a93b"
-SIMULATED_EDGE = "#8a5200"
-FAINT = "#8a8a8a"
 
 COLUMNS = 330
 MOST_POINTS = 24000  # of all lines together; with many repeats each is drawn coarser
@@ -29,17 +22,6 @@ SIZE_IN = (4.9, 3.5)
 FORCE_BOX = (0.125, 0.43, 0.86, 0.51)
 RESIDUAL_BOX = (0.125, 0.13, 0.86, 0.195)
 BEFORE_VALLEY_S = 0.01  # half the width of a valley's parabola
-STYLE: dict[Any, Any] = {
-    "font.size": 9.2,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.major.size": 3.0,
-    "ytick.major.size": 3.0,
-    "path.simplify": False,
-}
 
 
 @dataclass(frozen=True)
@@ -60,9 +42,7 @@ def draw_overlay(compared: ComparedCondition, salt: str) -> Overlay:
     """
     limit_N, beyond_N = _residual_scale(compared)
     columns = min(COLUMNS, MOST_POINTS // (2 * (2 * len(compared.repeats) + len(compared.simulated))))
-    with mpl.rc_context():
-        mpl.rcdefaults()  # a reader's own matplotlibrc must not change the page
-        mpl.rcParams.update(STYLE)
+    with drawing():
         figure = Figure(figsize=SIZE_IN)
         force, residual = figure.add_axes(FORCE_BOX), figure.add_axes(RESIDUAL_BOX)
         end_s = max((float(r.t_s[-1]) for r in compared.repeats if len(r.t_s)), default=float(compared.simulated[0].stroke.t_s[-1]))
@@ -102,7 +82,7 @@ def _mark_phases(axes: Axes, compared: ComparedCondition) -> None:
         if reached:
             at_s = float(np.mean(reached))
             axes.axvline(at_s, color=FAINT, lw=0.5, ls=(0, (2, 2)), zorder=0)
-            axes.text(at_s, 1.01, word, transform=axes.get_xaxis_transform(), ha=side, va="bottom", fontsize=8.2, color="#555555")
+            axes.text(at_s, 1.01, word, transform=axes.get_xaxis_transform(), ha=side, va="bottom", fontsize=SMALL, color="#555555")
 
 
 def _draw_residual(axes: Axes, compared: ComparedCondition, limit_N: float, columns: int) -> None:

@@ -9,6 +9,7 @@ from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.analysis.table2 import Row, row_of
 from rfca_rig.description.believed import believed_model
 from rfca_rig.model.parameters import RigModel
+from rfca_rig.progress import Watcher, counted, unwatched
 from rfca_rig.recording.form import Recording
 
 
@@ -37,20 +38,32 @@ class ComparedSource:
         return tuple(row_of(compared, self.name) for compared in self.compared)
 
 
-def compare_sources(recordings: Sequence[Recording], shaft: Shaft, given: GivenModel | None = None) -> tuple[ComparedSource, ...]:
+def compare_sources(
+    recordings: Sequence[Recording], shaft: Shaft, given: GivenModel | None = None, watcher: Watcher = unwatched
+) -> tuple[ComparedSource, ...]:
     """Each recording against the `given` model, or, where none is given, against the model it was believed to follow.
 
     Raises BadInput where the believed values make no model, SimulationFailed.
     """
     names = _distinct([recording.title for recording in recordings])
-    return tuple(_compared(name, recording, shaft, given) for name, recording in zip(names, recordings, strict=True))
+    conditions = [len(conditions_of(recording.strokes)) for recording in recordings]
+    return tuple(
+        _compared(name, recording, shaft, given, _part(watcher, sum(conditions[:number]), sum(conditions)))
+        for number, (name, recording) in enumerate(zip(names, recordings, strict=True))
+    )
 
 
-def _compared(name: str, recording: Recording, shaft: Shaft, given: GivenModel | None) -> ComparedSource:
+def _part(watcher: Watcher, before: int, of: int) -> Watcher:
+    """For one recording, of the conditions of all."""
+    return lambda done, _: watcher(before + done, of)
+
+
+def _compared(name: str, recording: Recording, shaft: Shaft, given: GivenModel | None, watcher: Watcher) -> ComparedSource:
     if given is None and not recording.strokes and not recording.believed:
         return ComparedSource(name, recording, None, ())
     rig = believed_model(recording.believed) if given is None else given.rig
-    return ComparedSource(name, recording, rig, tuple(compare_condition(rig, c, shaft) for c in conditions_of(recording.strokes)))
+    conditions = counted(conditions_of(recording.strokes), watcher)
+    return ComparedSource(name, recording, rig, tuple(compare_condition(rig, condition, shaft) for condition in conditions))
 
 
 def _distinct(titles: Sequence[str]) -> list[str]:

@@ -1,26 +1,24 @@
-"""The static experiment for other programs: stages.csv, curve.csv, and static.json as rfca-static/1."""
+"""The static experiment for other programs: every stage and hinge as a table, and static.json as rfca-static/1."""
 
-import csv
-import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
 from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.report.static_source import StaticSource
+from rfca_rig.report.static_tables import whole_curve
+from rfca_rig.report.table import Column, Row, Table
 
 FORMAT = "rfca-static/1"
-GRID = 101
 
 
-def stages_csv(result: StaticResult, sources: Sequence[StaticSource]) -> str:
-    """A line for each stage and hinge: readings, angle, torque, their standard deviations, the curve's torque, and the ends that touch."""
-    return _table(
+def stages_table(result: StaticResult, sources: Sequence[StaticSource]) -> Table:
+    """A row for each stage and hinge: readings, angle, torque, their standard deviations, the curve's torque, and the ends that touch."""
+    rows = [
         {
             "source": sources[result.data.recording[row]].name,
             "height_mm": _rounded(1e3 * stage.height_m, 3),
@@ -36,7 +34,8 @@ def stages_csv(result: StaticResult, sources: Sequence[StaticSource]) -> str:
         }
         for row, stage in enumerate(result.data.stages)
         for hinge in range(result.data.hinges)
-    )
+    ]
+    return Table("stages", "", tuple(Column(key) for key in rows[0]), tuple(Row(row) for row in rows))
 
 
 def _angle(result: StaticResult, row: int, hinge: int) -> dict[str, Any]:
@@ -52,31 +51,9 @@ def _angle(result: StaticResult, row: int, hinge: int) -> dict[str, Any]:
     }
 
 
-def curve_csv(result: StaticResult) -> str:
-    """The curve over its range: torque and stiffness with standard deviations and the borders of the 95 % band."""
-    return _table(_curve_rows(result.curve))
-
-
-def _curve_rows(curve: TorqueCurve) -> Iterable[dict[str, Any]]:
-    grid = curve.grid_rad(GRID)
-    columns = (grid, *curve.torque_Nm(grid), *curve.stiffness_Nm_per_rad(grid))
-    for phi, torque, torque_std, stiffness, stiffness_std in zip(*columns, strict=True):
-        half, stiff_half = curve.reach * torque_std, curve.reach * stiffness_std
-        yield {
-            "angle_deg": _rounded(np.degrees(phi), 5),
-            "torque_Nm": _rounded(torque, 6),
-            "torque_std_Nm": _rounded(torque_std, 6),
-            "torque_low_Nm": _rounded(torque - half, 6),
-            "torque_high_Nm": _rounded(torque + half, 6),
-            "stiffness_Nm_per_rad": _rounded(stiffness, 5),
-            "stiffness_std_Nm_per_rad": _rounded(stiffness_std, 5),
-            "stiffness_low_Nm_per_rad": _rounded(stiffness - stiff_half, 5),
-            "stiffness_high_Nm_per_rad": _rounded(stiffness + stiff_half, 5),
-        }
-
-
 def static_json(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[Foretold]) -> str:
     """The document; what is not known is null."""
+    curve = whole_curve(result.curve)
     document = {
         "format": FORMAT,
         "sources": [{"name": source.name, "source": source.recording.source} for source in sources],
@@ -91,7 +68,7 @@ def static_json(result: StaticResult, sources: Sequence[StaticSource], elastica:
              "k2_per_rad2": _rounded(e.k2_per_rad2, 5)}
             for e in elastica
         ],
-        "curve": list(_curve_rows(result.curve)),
+        "curve": [{column.key: _rounded(row.values[column.key], 6) for column in curve.columns} for row in curve.rows],
     }  # fmt: skip
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
@@ -131,11 +108,3 @@ def _value(value: float, std: float, reach: float) -> dict[str, Any]:
 
 def _rounded(value: Any, digits: int) -> float | None:
     return round(float(value), digits) + 0.0 if np.isfinite(value) else None
-
-
-def _table(rows: Iterable[Mapping[str, Any]]) -> str:
-    out, listed = io.StringIO(), list(rows)
-    writer = csv.DictWriter(out, list(listed[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(listed)
-    return out.getvalue()

@@ -1,6 +1,7 @@
 """static.html: one self-contained page."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,27 +10,24 @@ from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.recording.form import StaticStage
-from rfca_rig.report.overlay import FAINT, MEASURED, SIMULATED
+from rfca_rig.report.origin import Told
 from rfca_rig.report.photo_strip import StripPicture, strips_of
-from rfca_rig.report.static_pictures import DASHES, FORETOLD_STYLES, SECOND, rest_picture, stiffness_picture, torque_picture
+from rfca_rig.report.static_pictures import DASHES, FORETOLD_STYLES, rest_picture, stiffness_picture, torque_picture
 from rfca_rig.report.static_source import StaticSource
-from rfca_rig.report.templates import beside, template
-from rfca_rig.report.wording import MARK_MEANINGS, NOTHING, counted, number, unbroken
+from rfca_rig.report.static_tables import common_table, curve_table, elastica_table, hinges_table, repeats_table
+from rfca_rig.report.table import Row, Table, places
+from rfca_rig.report.templates import template
+from rfca_rig.report.wording import NOTHING, counted, number, unbroken
 
-TABLE_STEP_DEG = 2.5
-FEW_LINES = 12
 
-
-def page(
-    result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[Foretold], model_file: str | None, has_model: bool
-) -> str:
-    """The page as HTML. `model_file` names the model that was given instead of what was believed; `has_model`: a model.toml is beside."""
-    marks = [source.recording.source for source in sources]
+def page(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[Foretold], told: Told, files: Sequence[str]) -> str:
+    """The page as HTML. `told.model_file` names the model that was given instead of what was believed; `files` lie beside it."""
     return template("static.html").render(
-        style=beside("static.css"),
+        sheets=("static.css",),
+        origin=told.origin,
+        files=files,
         title=" · ".join(dict.fromkeys(source.recording.title for source in sources)),
-        sources=[{"name": s.name, "mark": s.recording.source, "stages": counted(len(s.recording.static), "static stage")} for s in sources],
-        mark_meanings=[meaning for mark, meaning in MARK_MEANINGS.items() if mark in marks],
+        sources=[{"name": s.name, "mark": s.recording.source, "holds": counted(len(s.recording.static), "static stage")} for s in sources],
         values=_values(result),
         standfirst=_standfirst(result),
         remarks=[unbroken(_signs(text)) for text in remarks(result)],
@@ -37,23 +35,32 @@ def page(
         stiffness=stiffness_picture(result, elastica),
         rest=rest_picture(result),
         rest_sentence=_rest_sentence(result),
-        curve=_curve_rows(result),
-        elastica=[_foretold(one, style) for one, style in zip(elastica, FORETOLD_STYLES, strict=True)],
-        hinges=[_hinge(check.hinge, check.stiffer, check.std, check.differs) for check in result.hinges],
+        angles=counted(int(result.data.seen.sum()), "hinge angle"),
+        curve=curve_table(result.curve, int(result.data.seen.sum())),
+        elastica=[{"says": one.says, "style": style} for one, style in zip(elastica, FORETOLD_STYLES, strict=True)],
+        elastica_table=elastica_table(elastica, result),
+        hinges=hinges_table(result),
+        hinge_numbers=[check.hinge for check in result.hinges],
         loop_sentence=_loop(result),
         loop_seen=result.loop is not None and result.loop.seen,
-        doubts=_doubts(result),
+        common=_said_well(common_table(result)),
         noise=_noise(result),
         gain_counts_as_exact=all(found.says != "gain of the force sensor" for found in result.doubts),
-        repeats=[_repeat(source.name, values) for source, values in zip(sources, result.repeats.each, strict=False)],
+        repeats=repeats_table(result, [source.name for source in sources]),
         strips=[{"name": name, "pictures": [_photo(picture) for picture in strip]} for name, strip in strips_of(sources)],
         stages=_stages(result, sources),
         several=len(sources) > 1,
-        model=f"the model in {model_file}" if model_file else "the model as it was believed",
-        has_model=has_model,
+        model=f"the model in {told.model_file}" if told.model_file else "the model as it was believed",
+        has_model="model.toml" in files,
         law_holds=result.form.holds,
-        colours={"measured": MEASURED, "curve": SIMULATED, "other": SECOND, "faint": FAINT},
         dashes={name: " ".join(f"{2.2 * part:g}" for part in pattern) for name, (_, pattern) in DASHES.items()},
+    )
+
+
+def _said_well(table: Table) -> Table:
+    """With true apostrophes."""
+    return replace(
+        table, rows=tuple(Row({**r.values, "what": str(r.values["what"]).replace("'", "\u2019")}, r.digits, r.marked) for r in table.rows)
     )
 
 
@@ -73,12 +80,7 @@ def _values(result: StaticResult) -> list[dict[str, str]]:
 
 def _fit(value: float, error: float) -> str:
     """With the digits that its error leaves."""
-    return number(value, _places(error))
-
-
-def _places(error: float) -> int:
-    """Decimals that show two digits of it."""
-    return max(0, 1 - int(np.floor(np.log10(error)))) if error > 0.0 else 3
+    return number(value, max(places(error, 2), 0) if error > 0.0 else 3)
 
 
 def _standfirst(result: StaticResult) -> str:
@@ -106,49 +108,6 @@ def _rest_sentence(result: StaticResult) -> str:
     return unbroken(f"χ² is lower by {form.gain:.0f} for the {form.more} more numbers of the splines.")
 
 
-def _curve_rows(result: StaticResult) -> list[dict[str, str]]:
-    curve = result.curve
-    low, high = sorted(float(np.degrees(curve.bends * angle)) for angle in curve.range_rad)
-    step = TABLE_STEP_DEG * max(1, round((high - low) / TABLE_STEP_DEG / FEW_LINES))
-    degrees = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
-    phi = curve.bends * np.radians(degrees)
-    torque, torque_std = curve.torque_Nm(phi)
-    stiffness, stiffness_std = curve.stiffness_Nm_per_rad(phi)
-    halves = curve.reach * torque_std, curve.reach * stiffness_std
-    places = [_places(float(np.median(half))) for half in halves]
-    rows = zip(degrees, curve.bends * torque, halves[0], stiffness, halves[1], strict=True)
-    return [
-        {
-            "angle": f"{angle:g}",
-            "torque": number(m, places[0]),
-            "torque_half": number(dm, places[0]),
-            "stiffness": number(k, places[1]),
-            "stiffness_half": number(dk, places[1]),
-        }
-        for angle, m, dm, k, dk in rows
-    ]
-
-
-def _foretold(one: Foretold, style: str) -> dict[str, str]:
-    return {
-        "says": one.says,
-        "free": f"{1e3 * one.free_m:.1f}",
-        "k0": number(one.k0_Nm_per_rad, 2),
-        "k2": number(one.k2_per_rad2, 2),
-        "style": style,
-    }
-
-
-def _hinge(hinge: int, stiffer: float, std: float, differs: bool) -> dict[str, Any]:
-    digits = 1 if std > 0.002 else 2
-    return {"hinge": hinge, "stiffer": _signed(100 * stiffer, digits), "std": f"{100 * std:.{digits}f}", "differs": differs}
-
-
-def _signed(value: float, digits: int) -> str:
-    said = number(value, digits)
-    return f"+{said}" if value > 0 and float(f"{value:.{digits}f}") != 0 else said
-
-
 def _loop(result: StaticResult) -> str:
     loop = result.loop
     if loop is None:
@@ -158,20 +117,6 @@ def _loop(result: StaticResult) -> str:
         f"Of {counted(loop.bending + loop.unbending, 'angle')} that were clearly turned to, {loop.unbending} came back. Between bending "
         f"and unbending lie {number(2 * loop.half_Nm, 3)} ± {2 * 1.96 * loop.std_Nm:.3f} N m (95 %): {seen}."
     )
-
-
-def _doubts(result: StaticResult) -> list[dict[str, Any]]:
-    return [
-        {
-            "says": d.says.replace("'", "\u2019"),
-            "unit": d.unit,
-            "value": _fit(d.value, d.std),
-            "std": _fit(d.std, d.std),
-            "prior": f"{d.prior_std:.2g}",
-            "strained": d.strained,
-        }
-        for d in result.doubts
-    ]
 
 
 def _noise(result: StaticResult) -> str:
@@ -185,15 +130,6 @@ def _noise(result: StaticResult) -> str:
     said.append(f"the mean of fz errs by {errors.force_factor * float(np.median(data.force_std[:, 1])):.3f} N")
     how = "errors of neighbouring hinges go together, as marks between them are shared" if errors.chained else "every hinge errs on its own"
     return unbroken(f"One standard deviation: {'; '.join(said)}; {how}.")
-
-
-def _repeat(name: str, values: Any) -> dict[str, str]:
-    k0, k2 = values.reach * values.k0_std, values.reach * values.k2_std
-    return {
-        "name": name,
-        "k0": f"{_fit(values.k0_Nm_per_rad, k0)} ± {_fit(k0, k0)}",
-        "k2": f"{_fit(values.k2_per_rad2, k2)} ± {_fit(k2, k2)}",
-    }
 
 
 def _photo(picture: StripPicture) -> dict[str, str]:

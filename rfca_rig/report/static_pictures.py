@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,7 +11,7 @@ from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
 from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.report.inline_svg import inline_svg
-from rfca_rig.report.overlay import FAINT, MEASURED, SIMULATED, SIMULATED_EDGE, STYLE
+from rfca_rig.report.look import FAINT, MEASURED, OTHER, PAPER, SIMULATED, SIMULATED_EDGE, drawing
 
 Floats = NDArray[np.float64]
 
@@ -20,7 +19,6 @@ SIZE_IN = (4.9, 3.7)
 LOW_IN = (10.0, 2.3)
 BOX = (0.125, 0.135, 0.86, 0.835)
 LOW_BOX = (0.075, 0.215, 0.916, 0.735)
-SECOND = "#9a3a6a"
 DASHES: dict[str, tuple[int, tuple[float, ...]]] = {
     "other": (0, (3.2, 1.8)),
     "link": (0, (1.0, 1.6)),
@@ -38,7 +36,7 @@ def torque_picture(result: StaticResult, elastica: Sequence[Foretold]) -> str:
         _curve(axes, result.curve, result.curve.torque_Nm, flips=True)
         other = result.free if result.form.holds else result.law
         grid = other.grid_rad()
-        axes.plot(_deg(other, grid), other.bends * other.torque_Nm(grid)[0], color=SECOND, lw=1.0, ls=DASHES["other"])
+        axes.plot(_deg(other, grid), other.bends * other.torque_Nm(grid)[0], color=OTHER, lw=1.0, ls=DASHES["other"])
         _points(axes, result)
         axes.set_ylim(*_limits(result))
         axes.set_ylabel("torque of a hinge (N m)")
@@ -54,7 +52,7 @@ def stiffness_picture(result: StaticResult, elastica: Sequence[Foretold]) -> str
         _curve(axes, result.curve, result.curve.stiffness_Nm_per_rad, flips=False)
         other = result.free if result.form.holds else result.law
         grid = other.grid_rad()
-        axes.plot(_deg(other, grid), other.stiffness_Nm_per_rad(grid)[0], color=SECOND, lw=1.0, ls=DASHES["other"])
+        axes.plot(_deg(other, grid), other.stiffness_Nm_per_rad(grid)[0], color=OTHER, lw=1.0, ls=DASHES["other"])
         axes.set_ylim(bottom=0.0)
         axes.set_ylabel("equivalent stiffness (N m/rad)")
 
@@ -90,9 +88,7 @@ def rest_picture(result: StaticResult) -> str:
 def _drawn(
     draw: Callable[[Axes], None], size_in: tuple[float, float], box: tuple[float, float, float, float], salt: str, label: str
 ) -> str:
-    with mpl.rc_context():
-        mpl.rcdefaults()  # a reader's own matplotlibrc must not change the page
-        mpl.rcParams.update(STYLE)
+    with drawing():
         figure = Figure(figsize=size_in)
         axes = figure.add_axes(box)
         draw(axes)
@@ -131,7 +127,7 @@ def _points(axes: Axes, result: StaticResult) -> None:
 def _dots(axes: Axes, x: Floats, y: Floats, back: NDArray[np.bool_]) -> None:
     """Hinges that had turned back hollow."""
     axes.plot(x[~back], y[~back], ls="", marker="o", ms=2.6, mfc=MEASURED, mec=MEASURED, mew=0.5)
-    axes.plot(x[back], y[back], ls="", marker="o", ms=4.2, mfc="#fffefb", mec=MEASURED, mew=0.8)
+    axes.plot(x[back], y[back], ls="", marker="o", ms=4.2, mfc=PAPER, mec=MEASURED, mew=0.8)
 
 
 def _limits(result: StaticResult) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Writes the report of static stages: static.html, stages.csv, curve.csv, static.json, and model.toml where the law can hold."""
+"""Writes the report of static stages: static.html, tables as CSV and LaTeX, static.json, and model.toml where the law can hold."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,11 +9,13 @@ import numpy as np
 from rfca_rig.analysis.torque_rotation.calibration_file import can_be_written, write_calibration
 from rfca_rig.analysis.torque_rotation.elastica_curves import foretold
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
-from rfca_rig.errors import RigError
-from rfca_rig.recording.atomic import write_atomically
-from rfca_rig.report.static_files import curve_csv, stages_csv, static_json
+from rfca_rig.report.files import table_files, write_all
+from rfca_rig.report.origin import Origin, Told, untold
+from rfca_rig.report.static_files import stages_table, static_json
 from rfca_rig.report.static_page import page
 from rfca_rig.report.static_source import StaticSource
+from rfca_rig.report.static_tables import curve_table, hinges_table, values_table, whole_curve
+from rfca_rig.report.table_files import as_csv
 
 MODEL_NAME = "model.toml"
 FARTHEST_RAD = float(np.radians(85.0))  # the elastica's grooves meet at 90 degrees
@@ -26,6 +28,7 @@ def write_static_report(
     believed: Mapping[str, Any],
     known_to: Mapping[str, Any],
     model_file: str | None = None,
+    origin: Origin | None = None,
 ) -> None:
     """All files into `out`, made where it is not there; the same bytes for the same input. Raises RigError where the disk refuses.
 
@@ -34,18 +37,16 @@ def write_static_report(
     most_rad = min(max(abs(angle) for angle in result.curve.range_rad), FARTHEST_RAD)
     elastica = foretold(result.rig.leg, result.values.k0_Nm_per_rad, most_rad)
     has_model = can_be_written(result)
+    told = Told(origin or untold([source.recording for source in sources]), (), model_file)
+    curve = curve_table(result.curve, int(result.data.seen.sum()))
     contents = {
-        "static.html": page(result, sources, elastica, model_file, has_model),
-        "stages.csv": stages_csv(result, sources),
-        "curve.csv": curve_csv(result),
+        **table_files((values_table(result), hinges_table(result), curve)),
+        "curve.csv": as_csv(whole_curve(result.curve)),
+        "stages.csv": as_csv(stages_table(result, sources)),
         "static.json": static_json(result, sources, elastica),
     }
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RigError(f"{out}: the folder for the report cannot be made: {error.strerror}; give another with --out") from None
-    for name, text in contents.items():
-        write_atomically(out / name, text.encode("utf-8"))
+    beside = (*contents, MODEL_NAME) if has_model else tuple(contents)
+    write_all(out, {"static.html": page(result, sources, elastica, told, beside), **contents})
     if has_model:
         named = [f"{source.name} ({source.recording.source})" for source in sources]
         write_calibration(out / MODEL_NAME, result, believed, known_to, named)

@@ -1,15 +1,36 @@
 """The pages' templates and style sheets, which lie beside this file."""
 
+from functools import cache
 from importlib import resources
 
-from jinja2 import Environment, StrictUndefined, Template
+from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
+
+from rfca_rig import __version__
+from rfca_rig.report.look import colours
+from rfca_rig.report.table_cells import shown_cells
+from rfca_rig.report.wording import MARK_MEANINGS
 
 
 def template(name: str) -> Template:
-    """A template that escapes what it is given and fails on what it is not; `words` turns an id into words."""
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    """A template that escapes what it is given and fails on what it is not."""
+    return _environment().get_template(name)
+
+
+@cache
+def _environment() -> Environment:
+    """`words` turns an id into words; every template knows the colours, the meaning of the marks and the version."""
+    environment = Environment(
+        loader=FunctionLoader(beside), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     environment.filters["words"] = lambda id_: id_.replace("_", " ")
-    return environment.from_string(beside(name))
+    environment.globals |= {
+        "beside": beside,
+        "colours": colours(),
+        "mark_meanings": MARK_MEANINGS,
+        "shown_cells": shown_cells,
+        "version": __version__,
+    }
+    return environment
 
 
 def beside(name: str) -> str:

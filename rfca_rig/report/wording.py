@@ -52,6 +52,11 @@ def counted(count: int, one: str, many: str | None = None) -> str:
     return f"{count} {one if count == 1 else many or one + 's'}"
 
 
+def repeats_sentence(compared: ComparedCondition) -> str:
+    """How many strokes are drawn, each by itself."""
+    return f"fz over time, {counted(len(compared.repeats), 'repeat')}, each drawn by itself."
+
+
 def shaft_sentence(compared: ComparedCondition, shaft: Shaft) -> str:
     """What turned the simulated shaft, with the speed."""
     speeds = [model.shaft_speed_rad_s for model in compared.simulated]

@@ -1,41 +1,81 @@
-"""Writes the report of some recordings: report.html, table2.csv, table2.tex, table2.json."""
+"""Writes the report of some recordings: report.html with Table II, and a page about each run, run.html."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rfca_rig.analysis.counterpart import Shaft
 from rfca_rig.analysis.table2 import Table2
-from rfca_rig.errors import RigError
-from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.progress import Watcher, unwatched
 from rfca_rig.recording.form import Recording
-from rfca_rig.report.page import page
-from rfca_rig.report.sources import GivenModel, compare_sources
-from rfca_rig.report.table2_files import as_csv, as_json, as_tex
+from rfca_rig.report.files import table_files, write_all
+from rfca_rig.report.origin import Link, Origin, Told, untold
+from rfca_rig.report.run_page import page as run_page
+from rfca_rig.report.run_page import tables_of
+from rfca_rig.report.run_parts import story_of
+from rfca_rig.report.sources import ComparedSource, GivenModel, compare_sources
+from rfca_rig.report.stage_table import stage_tables
+from rfca_rig.report.table import Table
+from rfca_rig.report.table2_files import as_json, as_table
+from rfca_rig.report.table2_page import page
+from rfca_rig.report.table_files import as_csv, as_tex
+from rfca_rig.report.wording import SHAFT_WORDS
 
 
-def write_report(recordings: Sequence[Recording], out_dir: Path, shaft: Shaft = "average", given: GivenModel | None = None) -> Table2:
-    """Compares, draws, and writes the four files into `out_dir`, which is made where it is not there; returns the table.
+@dataclass(frozen=True)
+class Report:
+    """The table, and the pages that were written."""
+
+    table: Table2
+    pages: tuple[Path, ...]
+
+
+def write_report(
+    recordings: Sequence[Recording],
+    out_dir: Path,
+    shaft: Shaft = "average",
+    given: GivenModel | None = None,
+    origin: Origin | None = None,
+    watcher: Watcher = unwatched,
+) -> Report:
+    """Compares, draws, and writes all files into `out_dir`, which is made where it is not there.
 
     Every recording is held against the model it was believed to follow, or all against the `given` one. `shaft` says how the
     simulated shaft turns, see `analysis.counterpart`. The same input gives the same bytes. Nothing is written before everything is
     computed. Raises BadInput, SimulationFailed, and RigError where the disk refuses.
     """
-    sources = compare_sources(recordings, shaft, given)
+    told = origin or untold(recordings)
+    sources = compare_sources(recordings, shaft, given, watcher)
     table = Table2(tuple(row for source in sources for row in source.rows))
+    named = _run_pages(sources)
+    runs = {name: _run(name, source, told, place) for place, (name, source) in enumerate(named)}
+    links = tuple(Link(name, f"How {source.name} went" if len(named) > 1 else "How the run went") for name, source in named)
+    shown = as_table(table, SHAFT_WORDS[shaft])
     contents = {
-        "report.html": page(sources, table, shaft, None if given is None else given.file),
-        "table2.csv": as_csv(table),
-        "table2.tex": as_tex(table),
+        "report.html": page(sources, table, shaft, Told(told, links, None if given is None else given.file)),
+        "table2.csv": as_csv(shown),
+        "table2.tex": as_tex(shown),
         "table2.json": as_json(table),
     }
-    _make_folder(out_dir)
-    for name, text in contents.items():
-        write_atomically(out_dir / name, text.encode("utf-8"))
-    return table
+    write_all(out_dir, {**contents, **{name: text for files in runs.values() for name, text in files.items()}})
+    return Report(table, tuple(out_dir / name for name in ("report.html", *runs)))
 
 
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RigError(f"{folder}: the folder for the report cannot be made: {error.strerror}; give another with --out") from None
+def _run_pages(sources: Sequence[ComparedSource]) -> list[tuple[str, ComparedSource]]:
+    """The name of each one's page: run, or, of several, run-1, run-2."""
+    return [(f"run-{number}.html" if len(sources) > 1 else "run.html", source) for number, source in enumerate(sources, start=1)]
+
+
+def _run(name: str, source: ComparedSource, origin: Origin, place: int) -> dict[str, str]:
+    """The page about one run, with its tables."""
+    story = story_of(source.recording)
+    tables = tables_of(story)
+    written = [*tables, *stage_tables(source.name, source.recording.static)]
+    files = table_files(_named_for(name.removesuffix(".html"), table) for table in written if table.rows)
+    own = replace(origin, recordings=origin.recordings[place : place + 1])
+    return {name: run_page(story, tables, Told(own, (Link("report.html", "Held against the model"),)), tuple(files)), **files}
+
+
+def _named_for(stem: str, table: Table) -> Table:
+    """run-stages of the second of several pages is run-2-stages."""
+    return replace(table, name=f"{stem}-{table.name}")

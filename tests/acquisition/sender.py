@@ -3,7 +3,7 @@
 import multiprocessing
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 
@@ -14,7 +14,10 @@ from rfca_rig.codecs.rdt import RdtCommand, Records, decode_request, encode_reco
 BURST_S = 1e-3
 
 
-def send_records(pipe: Connection, rate_Hz: float, in_one: int, seconds: float) -> None:
+Made = Callable[[int, int], bytes]
+
+
+def send_records(pipe: Connection, rate_Hz: float, in_one: int, seconds: float, made: Made) -> None:
     """Waits for a start request, then sends for that long; tells its port first and the number of records last."""
     box = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     box.bind(("127.0.0.1", 0))
@@ -26,7 +29,7 @@ def send_records(pipe: Connection, rate_Hz: float, in_one: int, seconds: float) 
     sent, began = 0, time.monotonic()
     while (running_s := time.monotonic() - began) < seconds:
         while sent + in_one <= running_s * rate_Hz:
-            box.sendto(datagram(sent + 1, in_one), client)
+            box.sendto(made(sent + 1, in_one), client)
             sent += in_one
         time.sleep(BURST_S)
     pipe.send(sent)
@@ -39,12 +42,20 @@ def datagram(first: int, count: int) -> bytes:
     return encode_records(Records(numbers, numbers, np.zeros(count, np.uint32), np.repeat(numbers.view(np.int32)[:, None], 6, axis=1)))
 
 
+def restless(first: int, count: int) -> bytes:
+    """Records of which every axis jumps about, by up to 100 N or N m at a million counts each; the number alone decides."""
+    numbers = np.arange(first, first + count).astype(np.uint32)
+    mixed = (numbers[:, None] + np.arange(6, dtype=np.uint32) * np.uint32(7919)) * np.uint32(2654435761)
+    counts = (mixed ^ (mixed >> np.uint32(15))) % np.uint32(200_000_001)
+    return encode_records(Records(numbers, numbers, np.zeros(count, np.uint32), counts.astype(np.int32) - 100_000_000))
+
+
 @contextmanager
-def sending(rate_Hz: float, in_one: int, seconds: float) -> Iterator[tuple[int, Connection]]:
+def sending(rate_Hz: float, in_one: int, seconds: float, made: Made = datagram) -> Iterator[tuple[int, Connection]]:
     """(port, pipe): the pipe tells how many records were sent once that is over."""
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
-    process = context.Process(target=send_records, args=(there, rate_Hz, in_one, seconds), daemon=True)
+    process = context.Process(target=send_records, args=(there, rate_Hz, in_one, seconds, made), daemon=True)
     process.start()
     try:
         yield here.recv(), here

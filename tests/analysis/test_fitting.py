@@ -288,7 +288,7 @@ def test_a_stroke_that_cannot_be_used_is_left_out_and_named():
 
 def test_unusable_requests_are_refused_in_one_line():
     made = recording(6)
-    with pytest.raises(BadInput, match="'stiffness' is no parameter; known are k0, k2"):
+    with pytest.raises(BadInput, match=r"'stiffness' is no parameter; did you mean contact_stiffness\?"):
         fit_recordings([made], ("stiffness",))
     with pytest.raises(BadInput, match="named twice"):
         fit_recordings([made], ("k0", "k0"))

@@ -96,7 +96,7 @@ def test_every_sensor_feels_the_same_plant(tmp_path, device):
         (
             "ati-netft",
             SECTIONS["ati-net-ft"],
-            r"force_sensor: 'device' should be one of 'ati-net-ft', 'ati-serial', 'ati-daq', not 'ati-netft'",
+            r"force_sensor: 'device' should be one of 'ati-net-ft', 'ati-serial', 'ati-daq', 'own', not 'ati-netft'",
         ),
         ("ati-serial", SECTIONS["ati-net-ft"], r"force_sensor\.configuration: unknown key; known are device, counts_per_N"),
         (

@@ -1,5 +1,6 @@
 """Every command as a user types it: results, exit codes, one clear line for a mistake."""
 
+import hashlib
 import json
 import re
 import shutil
@@ -21,6 +22,8 @@ from tests.cli.typed import typed
 
 ROOT = Path(__file__).parents[2]
 SMALL = ROOT / "tests" / "data" / "small-campaign"
+REPORT = {"report.html", "run.html", *(f"{name}.{kind}" for name in ("table2", "run-stages", "run-conditions") for kind in ("csv", "tex"))}
+REPORT |= {"table2.json"}
 FILES = ["SHA256SUMS", "end.json", "events.jsonl", "run.h5", "run.json", "stages"]
 HEAVY = ("numpy", "scipy", "numba", "h5py", "matplotlib", "cv2", "can", "pydantic", "jinja2")
 
@@ -75,7 +78,10 @@ def test_what_it_says_to_type_next_works(here, monkeypatch, capsys):
     words = said.err.splitlines()[-1].split("next: rfca-rig ")[1].split()
     said = typed(monkeypatch, capsys, *words)
     assert said.exit_code == 0
-    assert {file.name for file in (here / "report").iterdir()} == {"report.html", "table2.csv", "table2.json", "table2.tex"}
+    assert {file.name for file in (here / "report").iterdir()} == REPORT
+    page = (here / "report" / "report.html").read_text()
+    assert f"rfca-rig {' '.join(words[:2])}</code>" in page
+    assert hashlib.sha256((here / words[1] / "run.h5").read_bytes()).hexdigest() in page
 
 
 def test_json_owns_the_output(here, monkeypatch, capsys):
@@ -131,8 +137,9 @@ def test_import_then_report_equals_reporting_the_folder_itself(here, monkeypatch
     assert typed(monkeypatch, capsys, "import", SMALL).exit_code == 0
     assert typed(monkeypatch, capsys, "report", "runs/IMPORT-small-campaign", "--out", "a").exit_code == 0
     assert typed(monkeypatch, capsys, "report", SMALL, "--out", "b").exit_code == 0
-    for name in ("report.html", "table2.csv", "table2.json", "table2.tex"):
-        assert (here / "a" / name).read_bytes() == (here / "b" / name).read_bytes()
+    for name in sorted(REPORT):
+        one, other = ((here / folder / name).read_text().partition("<footer>")[0] for folder in "ab")
+        assert one == other, name
 
 
 def test_twin_and_import_in_one_report(here, monkeypatch, capsys):
@@ -269,6 +276,7 @@ def test_a_trip_has_its_own_exit_code(here, monkeypatch, capsys):
     answer = typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--rig", rig)
     assert answer.exit_code == 3
     assert "deg from where it should be" in answer.err.splitlines()[-1]
+    assert answer.err.endswith("; more: rfca-rig trip F-02\n")
     (run,) = (here / "runs").iterdir()
     kept = "kept 0 strokes and 0 static stages, and flap 215 mm, 3.249 rad/s, repeat 1 until it was cut short, in"
     assert f"{kept} runs/{run.name}" in answer.err

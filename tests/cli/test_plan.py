@@ -26,17 +26,17 @@ def test_a_line_a_stage_with_its_time_and_what_the_model_expects(monkeypatch, ca
     lines = typed(monkeypatch, capsys, "plan", "flapping").out.splitlines()
     assert all(line.startswith("SIM ") for line in lines)
     (first,) = [line for line in lines if "repeat 1" in line]
-    assert "0:14.2" in first
-    assert "0.6 MB" in first
-    assert "up to 61 N, 6.1 N m" in first
+    assert first.split()[2:6] == ["0:14.2", "0.6", "61", "6.1"]
+    assert lines[1].split()[2:6] == ["until", "MB", "N", "N"]
     assert "within the limits: 300 N, 25 N m, 20 rad/s" in lines[-1]
+    assert max(map(len, lines)) <= 80
 
 
 def test_a_long_plan_is_cut_unless_all_of_it_is_asked_for(monkeypatch, capsys):
     cut = typed(monkeypatch, capsys, "plan", "table2").out.splitlines()
     whole = typed(monkeypatch, capsys, "plan", "table2", "--all").out.splitlines()
     assert any("stages more; --all prints them" in line for line in cut)
-    assert len(whole) == 4 + 66
+    assert len(whole) == 6 + 66
 
 
 def test_what_a_limit_forbids_is_refused_in_one_line(monkeypatch, capsys, tmp_path):

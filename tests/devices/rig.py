@@ -8,6 +8,7 @@ import can
 import numpy as np
 
 from rfca_rig.clock import TwinClock
+from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
 from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.roles import ForceSamples, ShaftSamples
@@ -16,7 +17,6 @@ from rfca_rig.twins.datagram_link import LinkEnd, datagram_link
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.world import TwinWorld
-from tests.devices.rotor import Rotor
 
 TICK_S = 2e-3
 

@@ -4,59 +4,22 @@ import os
 import pty
 import time
 import tty
-from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.ati_serial import RecordForm
+from rfca_rig.contracts.force_sensor import ForceSensorContract
+from rfca_rig.contracts.force_sensor_rig import ForceSensorRig, constant
+from rfca_rig.contracts.noisy_port import NoisyPort
 from rfca_rig.drivers.ati_serial import AtiSerialSensor, AtiSerialSettings
 from rfca_rig.drivers.serial_port import open_port
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.ati_serial import AtiSerialTwin, AtiSerialTwinSettings
-from rfca_rig.twins.serial_line import HostEnd, serial_line
-from tests.devices.force_sensor_contract import ForceSensorContract
-from tests.devices.force_sensor_rig import ForceSensorRig, constant
+from rfca_rig.twins.serial_line import serial_line
 
 RATES_HZ = {RecordForm.ASCII: 80.0, RecordForm.BINARY: 250.0, RecordForm.BINARY_CHECKSUM: 250.0}
-
-
-@dataclass
-class NoisyPort:
-    """The driver's end of the line, with what happens to bytes on the way."""
-
-    end: HostEnd
-    silent: bool = False
-    drop: int = 0
-    spoil: int = 0
-    most: int = 1 << 16
-    held: bytes = field(default=b"")
-
-    @property
-    def in_waiting(self) -> int:
-        self._take()
-        return min(self.most, len(self.held))
-
-    def _take(self) -> None:
-        data = self.end.read(self.end.in_waiting)
-        if self.silent:
-            data = b""
-        lost, data = data[: self.drop], data[self.drop :]
-        self.drop -= len(lost)
-        spoilt, data = data[: self.spoil], data[self.spoil :]
-        self.spoil -= len(spoilt)
-        self.held += bytes(number ^ 0x5A for number in spoilt) + data
-
-    def read(self, size: int = 1) -> bytes:
-        data, self.held = self.held[:size], self.held[size:]
-        return data
-
-    def write(self, data: bytes) -> int:
-        return self.end.write(data)
-
-    def close(self) -> None:
-        self.end.close()
 
 
 def made(form: RecordForm, rate_Hz: float | None = None, twin: AtiSerialTwinSettings | None = None) -> tuple[ForceSensorRig, NoisyPort]:

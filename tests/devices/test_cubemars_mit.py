@@ -13,6 +13,9 @@ from can.interfaces.virtual import VirtualBus
 from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.codecs.cubemars_mit import MitCommand, Special, decode_command, decode_reply, encode_command, encode_special
 from rfca_rig.codecs.cubemars_ranges import MIT_RANGES
+from rfca_rig.contracts.motor import MotorContract
+from rfca_rig.contracts.motor_rig import MotorRig, drained, joined, motor_rig
+from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.errors import BadInput, DeviceError
@@ -21,9 +24,6 @@ from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.datagram_link import datagram_link
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.world import TwinWorld
-from tests.devices.motor_contract import MotorContract
-from tests.devices.motor_rig import MotorRig, drained, joined, motor_rig
-from tests.devices.rotor import Rotor
 
 RANGES = MIT_RANGES["AK80-9"]
 TURNED = {"direction": -1, "zero_rad": 2.25}

@@ -10,13 +10,13 @@ import pytest
 from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_servo import SetCurrent, SetPosition, SetPositionSpeed, Status
+from rfca_rig.contracts.motor import MotorContract
+from rfca_rig.contracts.motor_rig import MotorRig, drained, motor_rig
+from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.can_wire import can_wire
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
-from tests.devices.motor_contract import MotorContract
-from tests.devices.motor_rig import MotorRig, drained, motor_rig
-from tests.devices.rotor import Rotor
 
 MOTOR = {"gear_ratio": 9.0, "pole_pairs": 21, "torque_constant_Nm_per_A": 0.115}
 TURNED = {"direction": -1, "zero_deg": 130.0}

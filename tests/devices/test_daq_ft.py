@@ -14,13 +14,13 @@ import pytest
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.ati_calibration import Calibration, TemperatureCompensation, parse_calibration
 from rfca_rig.codecs.gage_block import GageBlock
+from rfca_rig.contracts.force_sensor import ForceSensorContract
+from rfca_rig.contracts.force_sensor_rig import ForceSensorRig, constant
 from rfca_rig.drivers.daq_ft import COUNTS_PER_UNIT, DaqFtSensor, DaqFtSettings
 from rfca_rig.drivers.nidaqmx_gages import NidaqmxGages
 from rfca_rig.drivers.sensor_health import FrozenCount
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.daq_ft import DaqFtTwin, DaqFtTwinSettings
-from tests.devices.force_sensor_contract import ForceSensorContract
-from tests.devices.force_sensor_rig import ForceSensorRig, constant
 
 ROOT = Path(__file__).parents[2]
 CAL = ROOT / "calibration" / "made-up-gamma.cal"

@@ -9,13 +9,13 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.rdt import RECORD_BYTES, RdtCommand, Records, decode_records, decode_request, encode_records, encode_request
+from rfca_rig.contracts.force_sensor import ForceSensorContract
+from rfca_rig.contracts.force_sensor_rig import ForceSensorRig
 from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES, UdpDatagrams
 from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.datagram_link import LinkEnd, datagram_link
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
-from tests.devices.force_sensor_contract import ForceSensorContract
-from tests.devices.force_sensor_rig import ForceSensorRig
 from tests.devices.rig import Tampered, twin_rig
 
 SECOND = 0.5

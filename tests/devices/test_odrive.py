@@ -12,6 +12,9 @@ from can.interfaces.virtual import VirtualBus
 from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.codecs import cansimple, odrive_messages
 from rfca_rig.codecs.odrive_messages import ControlMode
+from rfca_rig.contracts.failing_buses import Failing
+from rfca_rig.contracts.motor import MotorContract
+from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.can_wire import can_wire
@@ -20,9 +23,7 @@ from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.speed_loop import LoopGains
 from rfca_rig.twins.world import TwinWorld
-from tests.devices.motor_contract import Failing, MotorContract
 from tests.devices.rig import twin_rig
-from tests.devices.rotor import Rotor
 
 GEARED = {"gear_ratio": 9.0, "direction": -1, "zero_turns": 2.75}
 

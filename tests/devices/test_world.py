@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.frame_count import FrameCount
 from rfca_rig.drivers.record_sequence import RecordSequence
 from rfca_rig.twins.netft import NetFtTwinSettings
 from rfca_rig.twins.ticks import Ticks
 from tests.devices.rig import twin_rig
-from tests.devices.rotor import Rotor
 
 
 def bytes_of_a_run(seed: int) -> bytes:

@@ -8,8 +8,9 @@ import pytest
 from rfca_rig.clock import WallClock
 from rfca_rig.doctor.judging.clock import LoopSeen, judge_clock
 from rfca_rig.doctor.judging.compiled_cache import CacheSeen, judge_compiled_cache
+from rfca_rig.doctor.judging.cores import judge_cores
 from rfca_rig.doctor.judging.disk import DiskSeen, judge_disk
-from rfca_rig.doctor.judging.packages import PackageSeen, judge_packages
+from rfca_rig.doctor.judging.packages import ExtraSeen, PackageSeen, judge_extras, judge_packages
 from rfca_rig.doctor.judging.receive_buffer import judge_receive_buffer
 from rfca_rig.doctor.looking.can_interface import look_at_can_interface
 from rfca_rig.doctor.looking.computer import (
@@ -17,6 +18,7 @@ from rfca_rig.doctor.looking.computer import (
     look_at_clock,
     look_at_compiled_cache,
     look_at_disk,
+    look_at_extras,
     look_at_packages,
 )
 from rfca_rig.doctor.looking.serial_port import look_at_serial_port
@@ -79,9 +81,30 @@ def test_packages_that_do_not_fit_are_named_as_pip_takes_them():
     assert "mujoco" not in seen
 
 
+def test_a_coarse_clock_and_a_single_core_are_told_with_the_line_that_mends_them():
+    assert judge_clock(LoopSeen(2e-3, 2.1e-3, 3e-3, 4e-3), None).colour == "red"
+    assert "steps of 0.04 us" in judge_clock(LoopSeen(2e-3, 2.1e-3, 3e-3, 4e-8), None).seen
+    assert (judge_cores(1).colour, bool(judge_cores(1).commands)) == ("yellow", True)
+    assert judge_cores(2).seen == "2 cores"
+
+
+def test_extras_are_told_apart_by_what_is_there_and_what_fits():
+    good, old, missing = (
+        PackageSeen(name, f"{name}>=2", version, fits)
+        for name, version, fits in (("dask", "2.1", True), ("mujoco", "1.0", False), ("nidaqmx", None, False))
+    )
+    finding = judge_extras((ExtraSeen("cluster", (good,)), ExtraSeen("daq", (missing,))))
+    assert (finding.colour, finding.seen) == ("green", "cluster: dask 2.1; not installed: daq")
+    worn = judge_extras((ExtraSeen("crosscheck", (old,)),))
+    assert (worn.colour, worn.commands) == ("yellow", ('pip install "mujoco>=2"',))
+    assert "crosscheck" in {extra.name for extra in look_at_extras()}
+    assert all(extra.packages for extra in look_at_extras())
+
+
 def test_the_loop_that_was_asked_for_is_the_loop_that_is_measured():
     seen = look_at_clock(WallClock())
     assert 2e-3 <= seen.p99_s <= seen.worst_s < 1.0
+    assert 0.0 < seen.step_s < 1e-3
 
 
 def test_a_folder_that_is_not_there_yet_is_measured_where_it_would_be_made(tmp_path):
@@ -89,8 +112,10 @@ def test_a_folder_that_is_not_there_yet_is_measured_where_it_would_be_made(tmp_p
     assert seen.error is None and seen.free_bytes > 0 and seen.bytes_per_s > 0
     assert list(tmp_path.iterdir()) == []
     cache = look_at_compiled_cache(tmp_path / "compiled")
-    assert (cache.error, cache.is_warm) == (None, False)
-    assert judge_compiled_cache(cache).colour == "green"
+    assert (cache.error, cache.functions) == (None, 0)
+    finding = judge_compiled_cache(cache)
+    assert finding.colour == "yellow"
+    assert finding.commands == ("rfca-rig predict --height 215 --speed 2.433",)
 
 
 def test_a_folder_that_cannot_be_written_is_red():
@@ -98,7 +123,7 @@ def test_a_folder_that_cannot_be_written_is_red():
     assert judge_disk(look_at_disk(nowhere, WallClock())).colour == "red"
     finding = judge_compiled_cache(look_at_compiled_cache(nowhere))
     assert "export NUMBA_CACHE_DIR=" in whole(finding)
-    assert judge_compiled_cache(CacheSeen("there", True)).colour == "green"
+    assert judge_compiled_cache(CacheSeen("there", 41)).colour == "green"
 
 
 def made_interface(network: Path, name: str, kind: int, flags: str, mtu: int) -> None:

@@ -12,6 +12,7 @@ from rfca_rig.codecs import cansimple, moteus
 from rfca_rig.codecs.cubemars_mit import Special, encode_special
 from rfca_rig.codecs.moteus import Read
 from rfca_rig.codecs.odrive_messages import AxisState, Command, Dialect, Heartbeat, OlderCommand, Part
+from rfca_rig.contracts.motor_rig import MotorRig, drained, motor_rig
 from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, OdriveSection
 from rfca_rig.doctor.finding import Finding
 from rfca_rig.doctor.looking.can_bus import Listener
@@ -20,7 +21,6 @@ from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
 from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
-from tests.devices.motor_rig import MotorRig, drained, motor_rig
 from tests.doctor.said import colours, whole
 
 ANY = {"direction": 1, "interface": "virtual", "channel": "test"}

@@ -6,6 +6,8 @@ import sys
 import time
 from pathlib import Path
 
+from rfca_rig.crew.cores import cores
+
 ANSWER = {"format": "rfca-diagnosis/1", "verdict": "not enough data", "effects": []}
 
 
@@ -18,7 +20,7 @@ def wants_more_data(campaign: Path, into: Path) -> None:
 def tells_its_process(campaign: Path, into: Path) -> None:
     """Writes what a diagnosis that loads linear algebra now would find."""
     wants_more_data(campaign, into)
-    told = {"cores": sorted(os.sched_getaffinity(0)), "openblas": os.environ.get("OPENBLAS_NUM_THREADS")}
+    told = {"threads": cores(), "openblas": os.environ.get("OPENBLAS_NUM_THREADS")}
     (into / "process.json").write_text(json.dumps(told))
 
 
@@ -27,7 +29,7 @@ def hangs_at_the_second(campaign: Path, into: Path) -> None:
     wants_more_data(campaign, into)
     if campaign.name != "case-0001":
         (into / "pid").write_text(str(os.getpid()))
-        time.sleep(60.0)
+        time.sleep(float(os.environ.get("HANGS_S", "60")))
 
 
 def main() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.clock import TwinClock
+from rfca_rig.crew.local import crew
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam import cases
 from rfca_rig.exam.examine import examine
@@ -163,10 +164,11 @@ def test_time_is_told_by_the_clock_that_is_passed_in(exam):
     assert [case.seconds for case in examined(exam).cases] == [7.0, 7.0]
 
 
-def test_workers_have_one_thread_on_a_core_of_their_own(exam):
+def test_workers_have_one_thread_each(exam):
     shutil.rmtree(exam / "diagnoses")
     before = os.environ.get("OPENBLAS_NUM_THREADS")
-    examine(exam, 1, NUMBERS, tells_its_process, workers=2)
+    with crew(2) as processes:
+        examine(exam, 1, NUMBERS, tells_its_process, processes)
     for told in (json.loads(path.read_text()) for path in (exam / "diagnoses").glob("*/process.json")):
-        assert len(told["cores"]) == 1 and told["openblas"] == "1"
+        assert told == {"threads": 1, "openblas": "1"}
     assert os.environ.get("OPENBLAS_NUM_THREADS") == before

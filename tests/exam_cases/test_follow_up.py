@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.campaign.reading import read_campaign
+from rfca_rig.crew.form import Here
 from rfca_rig.errors import BadInput
 from rfca_rig.exam import cases
-from rfca_rig.exam.crew import Here
 from rfca_rig.exam.examine import examine
 from rfca_rig.exam.follow_up import FOLDER, MOST, follow_up, ways
 from rfca_rig.exam.sealing import open_all

@@ -28,6 +28,7 @@ from rfca_rig.report.diagnosis_terminal import MOST_LINES, WIDTH, terminal_lines
 from rfca_rig.report.diagnosis_wording import UNLISTED, hypothesis, percent, significant, verdict_probability, within_90
 from rfca_rig.report.light_paths import with_light_paths
 from rfca_rig.report.named_units import shown
+from rfca_rig.report.origin import Origin
 from tests.model.legs import PAPER
 from tests.report.outline import Outline
 
@@ -168,7 +169,7 @@ def read(text):
 
 @pytest.fixture(scope="module")
 def named_page():
-    return page(NAMED)
+    return page(NAMED, Origin())
 
 
 def test_json_has_the_keys_that_other_programs_read(tmp_path):
@@ -202,12 +203,12 @@ def test_what_is_not_known_is_null_and_never_nan(tmp_path):
     assert document["fit"]["rms_fz_N"] == {"before": 3.2, "after": None, "noise_floor": None}
     assert document["settings"] == {"scatter": [0.1, None], "seed": 7, "unset": None}
     assert (document["cells"][0]["size"], document["cells"][0]["sigmas"], document["next_experiment"]) == (None, None, None)
-    assert not re.search(r"\bnan\b|\binf\b|\bNone\b(?! proposed)", read(page(holes)))
+    assert not re.search(r"\bnan\b|\binf\b|\bNone\b(?! proposed)", read(page(holes, Origin())))
 
 
 @pytest.mark.parametrize("verdict", ALL)
 def test_every_verdict_makes_a_whole_page_that_fetches_nothing(verdict):
-    text = page(ALL[verdict])
+    text = page(ALL[verdict], Origin())
     outline = Outline(text)
     assert all(link.startswith("#") and link[1:] in outline.ids for link in outline.fetched)
     assert len(outline.ids) == len(set(outline.ids)), "two pictures must not share a clip path"
@@ -241,13 +242,13 @@ def test_the_page_says_everything_once_needed(named_page):
         "half gap 1.10 ± 0.16 deg",
         "cannot tell it from spring_hysteresis (rate-independent loop of the spring (Bouc-Wen))",
         "all 9",
-        "fz, N 3.20 0.31 3.30 0.35 0.20",
+        "fz N 3.20 0.31 3.30 0.35 0.20",
         "failed nothing left over: what is left is like a model error of 2.3 %",
         "sensor_drift: rate 0.200 N/s",
         "stiffness 43200 N/m^1.5",
         "Not tested",
         "motor_speed_ripple",
-        "valley time error, % 3.10 0.40",
+        "valley time error % 3.10 0.40",
         "heights, mm 195, 205",
         "priors: nothing missing 0.5",
         "Repeat 3 at 195 mm, 2 rad/s was left out",
@@ -263,7 +264,8 @@ def test_a_title_is_text_and_never_markup():
     text = page(
         replace(
             NAMED, title=nasty, sentence=nasty, overlays=(overlay,), remarks=(nasty,), cells=(replace(NAMED.cells[0], condition=nasty),)
-        )
+        ),
+        Origin(),
     )
     Outline(text)
     assert "<b>&" not in text and "<i>" not in text
@@ -273,8 +275,10 @@ def test_a_title_is_text_and_never_markup():
 def test_the_same_diagnosis_gives_the_same_bytes(tmp_path):
     for folder in ("one", "two"):
         write_diagnosis(NAMED, tmp_path / folder)
-    assert sorted(file.name for file in (tmp_path / "one").iterdir()) == ["diagnosis.html", "diagnosis.json"]
-    for name in ("diagnosis.html", "diagnosis.json"):
+    files = sorted(file.name for file in (tmp_path / "one").iterdir())
+    tables = [f"{name}.{kind}" for name in ("before-after", "believed", "parameters", "ruled-out") for kind in ("csv", "tex")]
+    assert files == sorted([*tables, "diagnosis.html", "diagnosis.json"])
+    for name in files:
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 

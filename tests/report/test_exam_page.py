@@ -89,7 +89,7 @@ def test_an_exam_of_one_kind_is_told_without_what_it_did_not_ask(tmp_path):
     text = Outline(told).text
     assert "nan" not in text and "no case" in text
     assert "nothing was named; none of 4 campaigns that lack nothing were given a name" in text
-    assert '--cases 4 --kind "nothing missing"' in told.replace("&#34;", '"')
+    assert "rfca-rig prove --out exam --seed 3 --cases 4 --kind 'nothing missing'" in text
     assert examined(tmp_path).plan == Plan(3, {cases.NOTHING: 4})
 
 

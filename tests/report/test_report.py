@@ -7,6 +7,7 @@ import pytest
 
 from rfca_rig.description.believed import believed_model
 from rfca_rig.errors import RigError
+from rfca_rig.report.origin import Origin, Recorded
 from rfca_rig.report.sources import GivenModel
 from rfca_rig.report.writing import write_report
 from tests.analysis import traces
@@ -26,7 +27,9 @@ KEYS = [
     "time_error_pct",
     "force_error_pct",
 ]
-FILES = ["report.html", "table2.csv", "table2.json", "table2.tex"]
+RUN_TABLES = ("conditions", "hinge-angles", "stages", "static-readings")
+TABLES = [f"run-{name}.{kind}" for name in RUN_TABLES for kind in ("csv", "tex")]
+FILES = ["report.html", *TABLES, "run.html", "table2.csv", "table2.json", "table2.tex"]
 
 
 def written(folder, *recordings, **options):
@@ -72,17 +75,19 @@ def test_csv_says_the_same_as_json(mixed):
 
 def test_latex_has_every_row_and_balanced_columns(mixed):
     tex = (mixed / "table2.tex").read_text()
-    assert r"\begin{tabular}{llllrr}" in tex and r"\end{tabular}" in tex
-    rows = [line for line in tex.splitlines() if re.match(r"2\d5\\,mm", line)]
+    assert r"\begin{tabular}{rrrrrrrrr}" in tex and r"\end{tabular}" in tex
+    rows = [line for line in tex.splitlines() if re.match(r"\$2[13]5\$ &", line)]
     assert len(rows) == 2
-    assert all(row.count(" & ") == 5 and row.endswith(r" \\") and row.count("$") % 2 == 0 for row in rows)
+    assert all(row.count(" & ") == 8 and row.endswith(r" \\") and row.count("$") % 2 == 0 for row in rows)
+    assert all(re.search(r"\$-\d\d\.\d\d \\pm 0\.\d\d\$", row) for row in rows)
 
 
 def test_the_page_is_whole_and_fetches_nothing(mixed):
     page = (mixed / "report.html").read_text()
     outline = Outline(page)
-    assert all(link.startswith("#") for link in outline.fetched)
-    assert {link[1:] for link in outline.fetched} <= set(outline.ids)
+    inside = {link for link in outline.fetched if link.startswith("#")}
+    assert set(outline.fetched) - inside == {"run.html"}
+    assert {link[1:] for link in inside} <= set(outline.ids)
     assert len(outline.ids) == len(set(outline.ids)), "two figures must not share a clip path"
     assert not re.search(r"https?:|url\((?!#)|@import", page)
     assert page.count('role="img"') == 2
@@ -101,7 +106,7 @@ def test_the_page_says_what_it_shows(mixed):
         "rms: rest",
     ):
         assert said in text
-    for said in ("fz (N)", "residual (N)", "time from the start of the motion (s)", "Static stages", "\u22125.25", "--shaft average"):
+    for said in ("fz (N)", "residual (N)", "time from the start of the motion (s)", "Static stages", "\u22125.25", "over the repeats"):
         assert said in text
     assert not re.search(r"\bnan\b|None|\binf\b", text)
 
@@ -132,8 +137,8 @@ def test_what_is_not_known_is_null_and_never_nan(tmp_path):
     document = table(folder)
     assert all(row["measured_time_s"] is None and row["force_error_pct"] is None for row in document["rows"])
     assert document["average"] == {"time_error_pct": None, "force_error_pct": None}
-    for name in FILES:
-        assert not re.search(r"\bnan\b", (folder / name).read_text(), flags=re.IGNORECASE)
+    for written_file in folder.iterdir():
+        assert not re.search(r"\bnan\b", written_file.read_text(), flags=re.IGNORECASE), written_file.name
 
 
 def test_one_repeat_has_no_standard_deviation(tmp_path):
@@ -155,7 +160,8 @@ def test_sources_stay_apart_with_their_names_and_models(tmp_path):
     assert [row["source"] for row in table(folder)["rows"]] == ["Twin run (1)", "Twin run (1)", "Twin run (2)"]
     text = Outline((folder / "report.html").read_text()).text
     assert "SIM was recorded on simulated twins" in text and "IMPORT came from" in text
-    assert "table2.toml" in text and "/home/lab" not in text
+    run = Outline((folder / "run-1.html").read_text()).text
+    assert "table2.toml" in run and "/home/lab" not in run + text
     assert text.count("friction coefficient") == 1, "two recordings that share a model show it once"
 
 
@@ -165,13 +171,16 @@ def test_a_given_model_takes_the_place_of_the_believed_one(tmp_path):
     assert table(folder)["average"]["force_error_pct"] > 5.0
     text = Outline((folder / "report.html").read_text()).text
     assert "The model in slippery.toml, given for this report" in text
-    assert "--model slippery.toml" in text
 
 
 @pytest.mark.parametrize("shaft", ["commanded", "average", "recorded"])
-def test_the_command_that_remakes_the_page_names_how_the_shaft_turned(tmp_path, shaft):
-    folder = written(tmp_path, recording(strokes()[:1]), shaft=shaft)
-    assert f"rfca-rig report PATH... --out DIR --shaft {shaft}" in (folder / "report.html").read_text()
+def test_the_page_ends_with_what_remakes_it(tmp_path, shaft):
+    recorded = Recorded("IMPORT", "A title", "runs/a", "run.h5", "ab" * 32)
+    origin = Origin(f"rfca-rig report runs/a --shaft {shaft}", (recorded,), "0.1.0, git 0123")
+    folder = written(tmp_path, recording(strokes()[:1]), shaft=shaft, origin=origin)
+    for page in ("report.html", "run.html"):
+        text = Outline((folder / page).read_text()).text
+        assert text.index(origin.command) < text.index(recorded.sha256) < text.index("Written by rfca-rig 0.1.0, git 0123")
 
 
 def test_fifteen_kilohertz_does_not_make_the_page_heavier(mixed, tmp_path):

@@ -1,7 +1,6 @@
 import pytest
 
 from rfca_rig.report.quantities import quantities_of
-from rfca_rig.report.table2_files import _tex_text
 from rfca_rig.report.wording import counted, number, spread, unbroken
 from tests.model.legs import PAPER
 
@@ -29,7 +28,3 @@ def test_parameters_are_shown_in_a_labs_units_and_none_is_left_out():
     assert shown["drive", "ramp"] == ("0.05", "s")
     assert shown["leg", "link lengths"][0].startswith("54, 39.333, ")
     assert len(shown) == 7 + 5 + 1 + 1
-
-
-def test_a_title_cannot_break_latex():
-    assert _tex_text("50% & A_b {c} \\d") == r"50\% \& A\_b \{c\} \textbackslash{}d"

@@ -12,6 +12,7 @@ from tests.runner_faults.endings import ENDINGS
 from tests.runner_faults.outcome import caused
 from tests.runner_faults.rig import FaultyRig
 from tests.runner_faults.table import foot
+from tests.trip_pages import form, page_of
 
 TABLE = Path(__file__).parents[2] / "docs" / "fault-table.md"
 
@@ -23,6 +24,8 @@ def test_a_cause_ends_as_it_should(cause: Cause, tmp_path: Path) -> None:
     outcome = caused(cause, tmp_path / "run")
     assert outcome.ended == cause.ends, outcome.message
     assert outcome.is_safe, outcome
+    if re.fullmatch(r"[A-Z]-\d\d", cause.ends) and (page := page_of(cause.ends)).fault == cause.name:
+        assert form(outcome.message) == form(page.line)
     assert outcome.acknowledged >= (2 if cause.ends == GOES_ON else 0 if cause.at_arming or cause.in_hold else 1)
     if cause.ends != GOES_ON and not cause.at_arming:
         assert outcome.stop.torque_ms <= cause.within_ms

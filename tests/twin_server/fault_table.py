@@ -11,11 +11,12 @@ import numpy as np
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.rdt import RdtCommand, encode_request
+from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
 from rfca_rig.drivers.netft_box import HttpBox
 from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twin_server.faults import CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, FaultPanel
+from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, FaultPanel
 from rfca_rig.twin_server.http_port import HttpPort
 from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
 from rfca_rig.twin_server.tampered_bus import TamperedBus
@@ -26,14 +27,13 @@ from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.netft_box import NetFtBoxTwin
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.world import TwinWorld
-from tests.devices.rotor import Rotor
 from tests.twin_server.polling import polled
 
 TICK_S = 2e-3
 SPEED_RAD_S = 1.0
 NOTHING = "nothing"
 ON_THE_PAGES = frozenset({"force-scale", "http-busy"})
-CATALOGUE = (*FORCE_FAULTS, *CAN_FAULTS, *ODRIVE_FAULTS)
+CATALOGUE = (*FORCE_FAULTS, *BOX_FAULTS, *CAN_FAULTS, *ODRIVE_FAULTS)
 
 
 @dataclass

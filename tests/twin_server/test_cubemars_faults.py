@@ -5,7 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from rfca_rig.bench.served_devices import events_of
+from rfca_rig.bench.twin_faults import events_of
+from rfca_rig.contracts.motor_rig import motor_rig
 from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
 from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
 from rfca_rig.errors import DeviceError
@@ -14,7 +15,6 @@ from rfca_rig.twin_server.faults import CAN_FAULTS, FaultPanel
 from rfca_rig.twin_server.tampered_bus import NoDialect, TamperedBus
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
-from tests.devices.motor_rig import motor_rig
 
 SERVO = {"gear_ratio": 9.0, "pole_pairs": 21, "torque_constant_Nm_per_A": 0.115}
 MODES = {

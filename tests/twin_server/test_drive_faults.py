@@ -9,6 +9,7 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.odrive_messages import Dialect
+from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.moteus import MoteusMotor, MoteusSettings
 from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import DeviceError
@@ -22,7 +23,6 @@ from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.world import TwinWorld
-from tests.devices.rotor import Rotor
 
 TICK_S = 2e-3
 OLDER = {"dialect": Dialect.V0_5, "torque_constant_Nm_per_A": 0.5}

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,11 +10,13 @@ from scipy.optimize import OptimizeResult
 from scipy.stats import norm, qmc
 
 from rfca_rig.analysis.fitting.errors_of_fit import covariance_of
-from rfca_rig.analysis.fitting.parameters import PARAMETERS, Space
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, Space, Supposed
 from rfca_rig.analysis.fitting.problem import Problem
 from rfca_rig.analysis.fitting.result import FitResult, Starts
-from rfca_rig.analysis.fitting.scatter import found_scatter, whitening_of
+from rfca_rig.analysis.fitting.scatter import Whitening, found_scatter, whitening_of
 from rfca_rig.analysis.fitting.solver import Progress, Residuals, descend
+from rfca_rig.crew.doing import Failed, done
+from rfca_rig.crew.form import Crew
 from rfca_rig.errors import SimulationFailed
 
 Floats = NDArray[np.float64]
@@ -31,7 +34,8 @@ class Search:
     """How to search. `start` gives values to begin from, by parameter name; others begin where they are believed.
 
     With `starts` above 1, further ones are the best of a Sobol screen of the prior, shifted by `rng`.
-    `progress` is told the number of suppositions computed so far and the chi2 of the last one.
+    `progress` is told the number of suppositions computed so far and the chi2 of the last one. A `crew` descends from several starts at
+    once, to the same bits.
     """
 
     starts: int = 1
@@ -39,6 +43,7 @@ class Search:
     rng: np.random.Generator | None = None
     most_evaluations: int = 60
     progress: Progress = _silent
+    crew: Crew | None = None
 
 
 def fit(problem: Problem, space: Space, search: Search | None = None, scatter: Mapping[str, float] | None = None) -> FitResult:
@@ -53,13 +58,53 @@ def fit(problem: Problem, space: Space, search: Search | None = None, scatter: M
         raise SimulationFailed("the model cannot be computed as believed; look for a slipped decimal point in the leg or the ground")
     first = _first_point(space, search)
     _whiten(residuals, first, scatter)
-    runs = [descend(residuals, start, search.most_evaluations) for start in [first, *_screened(residuals, search)]]
+    runs = _descended(residuals, [first, *_screened(residuals, search)], search)
     best = min(runs, key=lambda run: float(run.cost))
     agreeing = _agreeing(residuals, runs, best)
     if scatter:
         scatter = _whiten(residuals, best.x, scatter, learn=True)
         best = descend(residuals, best.x, search.most_evaluations)
     return replace(_result(residuals, best), starts=Starts(len(runs), agreeing), scatter=scatter)
+
+
+def _descended(residuals: Residuals, starts: list[Floats], search: Search) -> list[OptimizeResult]:
+    """The descents in the order of their starts. Raises SimulationFailed where one was lost."""
+    if search.crew is None:
+        return [descend(residuals, start, search.most_evaluations) for start in starts]
+    found: dict[int, OptimizeResult] = {}
+    descent = partial(_descent, _Travelling.of(residuals.space), residuals.problem, residuals.whitening, search.most_evaluations)
+    for (number, _), back in done(search.crew, descent, list(enumerate(starts))):
+        if isinstance(back, Failed):
+            raise SimulationFailed(f"the fit from start {number + 1} of {len(starts)} failed: {back.reason}")
+        found[number], computed = back
+        residuals.computed += computed
+        residuals.progress(residuals.computed, 2.0 * float(found[number].cost))
+    return [found[number] for number in range(len(starts))]
+
+
+@dataclass(frozen=True)
+class _Travelling:
+    """A space whose parameters go by their names: their functions cannot leave a process."""
+
+    names: tuple[str, ...]
+    centre: Supposed
+    std: Floats
+    has_prior: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, space: Space) -> "_Travelling":
+        return cls(tuple(space.names), space.centre, space.std, space.has_prior)
+
+    def space(self) -> Space:
+        return Space(tuple(PARAMETERS[name] for name in self.names), self.centre, self.std, self.has_prior)
+
+
+def _descent(
+    space: _Travelling, problem: Problem, whitening: Whitening, most_evaluations: int, start: tuple[int, Floats]
+) -> tuple[OptimizeResult, int]:
+    """One descent, wherever it is done, and how many suppositions it computed."""
+    residuals = Residuals(problem, space.space(), _silent, whitening)
+    return descend(residuals, start[1], most_evaluations), residuals.computed
 
 
 def _first_point(space: Space, search: Search) -> Floats:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
+from rfca_rig.nearest import suggestion
 
 Floats = NDArray[np.float64]
 
@@ -201,5 +202,5 @@ def space_of(names: Sequence[str], centre: Supposed, known_to: Mapping[str, floa
 
 def _parameter(name: str) -> Parameter:
     if name not in PARAMETERS:
-        raise BadInput(f"{name!r} is no parameter; known are {', '.join(PARAMETERS)}")
+        raise BadInput(f"{name!r} is no parameter; {suggestion(name, PARAMETERS)}")
     return PARAMETERS[name]

@@ -8,7 +8,6 @@ leg lets go, and small differences grow large: a model that is right in everythi
 In between it meets campaigns with nothing left out to the noise, once what differs from stroke to stroke is allowed for.
 """
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -23,8 +22,10 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import PHASES, Refused, StrokePhases
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.analysis.valley import valley_and_phases
+from rfca_rig.crew.cores import cores
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.stroke import SimulatedStroke
+from rfca_rig.nearest import suggestion
 from rfca_rig.recording.form import Stroke
 
 Floats = NDArray[np.float64]
@@ -43,7 +44,7 @@ class Window:
     def __post_init__(self) -> None:
         for phase in self.phases:
             if phase not in PHASES:
-                raise BadInput(f"{phase!r} is no phase of a stroke; known are {', '.join(PHASES)}")
+                raise BadInput(f"{phase!r} is no phase of a stroke; {suggestion(phase, PHASES)}")
 
     def inside(self, t_s: Floats, found: StrokePhases) -> NDArray[np.bool_]:
         """Whether each moment of a stroke counts, same shape as `t_s`. Rest never does: there the model hangs still."""
@@ -124,7 +125,7 @@ class StrokeProblem:
 
     def _simulated(self, supposed: Sequence[Supposed]) -> Iterator[list[SimulatedStroke] | None]:
         """The compiled model releases the interpreter lock, so that threads simulate side by side."""
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
+        with ThreadPoolExecutor(cores()) as pool:
             strokes = list(pool.map(_attempt, product(supposed, self.turns)))
         turns = len(self.turns)
         for first in range(0, len(strokes), turns):

@@ -125,7 +125,7 @@ class FitResult:
     def lines(self) -> list[str]:
         """The same for a person."""
         return [
-            f"{'parameter':<20}{'believed':>12}{'prior std':>11}{'fitted':>12}{'std':>11}{'shift':>8}  unit",
+            f"{'parameter':<19}{'believed':>11}{'prior std':>10}{'fitted':>11}{'std':>9}{'shift':>8}  unit",
             *(_line(parameter) for parameter in self.parameters),
             f"chi2 {self.chi2_before:.0f} -> {self.chi2:.0f} for {self.residuals} values of {self.strokes} strokes; {self.errors_from}",
             *([f"from stroke to stroke: {_deviations(self.scatter)}"] if self.scatter else []),
@@ -140,7 +140,7 @@ class FitResult:
 
 def _line(p: FittedParameter) -> str:
     prior = "none" if p.prior_std is None else f"{p.prior_std:.3g}"
-    return f"{p.name:<20}{p.believed:>12.5g}{prior:>11}{p.value:>12.5g}{p.std:>11.2g}{p.shift_in_std:>+8.2f}  {p.unit}".rstrip()
+    return f"{p.name:<19}{p.believed:>11.5g}{prior:>10}{p.value:>11.5g}{p.std:>9.2g}{p.shift_in_std:>+8.2f}  {p.unit}".rstrip()
 
 
 def _deviations(scatter: Mapping[str, float]) -> str:

@@ -1,6 +1,5 @@
 """Fits the model to valleys alone: rows of time and force, as Table II of the paper prints them, without any recording."""
 
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from rfca_rig.analysis.fitting.parameters import Supposed, space_of
 from rfca_rig.analysis.fitting.result import FitResult
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.crew.cores import cores
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import stroke_at_speed
@@ -53,7 +53,7 @@ class ValleyProblem:
         return np.repeat(np.arange(len(self.rows)), 2)
 
     def residuals(self, supposed: Sequence[Supposed]) -> list[Floats | None]:
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
+        with ThreadPoolExecutor(cores()) as pool:
             found = list(pool.map(_attempt, product(supposed, self.rows)))
         count = len(self.rows)
         return [_joined(found[first : first + count]) for first in range(0, len(found), count)]

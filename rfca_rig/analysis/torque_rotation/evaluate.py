@@ -19,6 +19,7 @@ from rfca_rig.analysis.torque_rotation.static_result import Repeats, StaticResul
 from rfca_rig.description.believed import believed_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import RigModel
+from rfca_rig.progress import Watcher, unwatched
 from rfca_rig.recording.form import Recording
 
 Floats = NDArray[np.float64]
@@ -27,6 +28,7 @@ ANGLES_PER_PIECE, MOST_PIECES = 20, 3
 FEWEST_ANGLES = 12
 FEWEST_STAGES = 3
 LEAST_RANGE_DEG = 2.0
+SOLVED = 5  # times that the stages are solved, with this or that left free
 
 
 @dataclass(frozen=True)
@@ -60,20 +62,25 @@ class _Case:
         return spline_over(angles, int(np.clip(len(angles) // ANGLES_PER_PIECE, 1, MOST_PIECES)))
 
 
-def evaluate(recordings: Sequence[Recording], supposed: Supposition) -> StaticResult:
+def evaluate(recordings: Sequence[Recording], supposed: Supposition, watcher: Watcher = unwatched) -> StaticResult:
     """The curve that all stages of the recordings share, which must be of one leg.
 
     The form is decided with the errors that splines leave: a law that fails would lay its misfit on the instruments. Raises BadInput
     where the stages cannot tell a curve, SimulationFailed.
     """
     case = _case(recordings, supposed)
+    watcher(0, SOLVED)
     free = _freest(case)
+    watcher(1, SOLVED)
     looped = _with_loop(case, free)
     loop = loop_of(looped, case.data) if looped else None
     closed = looped if looped is not None and loop is not None and loop.seen else None
     free = closed or free
+    watcher(2, SOLVED)
     law = case.solved(False, free.errors, loop=closed is not None)
+    watcher(3, SOLVED)
     same_errors = case.solved(False, free.errors, loop=closed is not None, learn=False)
+    watcher(4, SOLVED)
     widened = _repeats(recordings, supposed, law)
     law_curve, free_curve = (_curve(found, case.data, widened.widened) for found in (law, free))
     form = form_check(same_errors, free, _curve(same_errors, case.data, 1.0), free_curve)

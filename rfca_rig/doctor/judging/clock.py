@@ -7,20 +7,29 @@ from rfca_rig.doctor.finding import Finding, green, red, yellow
 SUBJECT = "clock"
 P99_LIMIT_S = 4e-3
 WORST_LIMIT_S = 20e-3
+COARSE_S = 0.5e-3
+COARSE_FIX = (
+    "take the clock that counts the processor's cycles, until the next start of this computer:",
+    "echo tsc | sudo tee /sys/devices/system/clocksource/clocksource0/current_clocksource",
+)
 
 
 @dataclass(frozen=True)
 class LoopSeen:
-    """From tick to tick, over a second: as asked for, the longest of 99 in 100, and the worst."""
+    """From tick to tick, over a second: as asked for, the longest of 99 in 100, and the worst; and the least step that the clock shows."""
 
     period_s: float
     p99_s: float
     worst_s: float
+    step_s: float = 1e-9
 
 
 def judge_clock(seen: LoopSeen, watchdog_s: float | None) -> Finding:
     """`watchdog_s` is the drive's; None where no drive hangs on the loop, as in simulated time."""
     said = f"loop of {1e3 * seen.period_s:g} ms: worst gap {1e3 * seen.worst_s:.1f} ms, 99 % below {1e3 * seen.p99_s:.1f} ms"
+    if seen.step_s > COARSE_S:
+        return red(SUBJECT, f"{said}; the clock goes in steps of {1e3 * seen.step_s:.1f} ms", *COARSE_FIX)
+    said = f"{said}; steps of {1e6 * seen.step_s:.2g} us"
     fix = "close other programs, and keep the processor awake:"
     command = "sudo cpupower frequency-set -g performance"
     if watchdog_s is not None and seen.worst_s > watchdog_s / 2:

@@ -2,17 +2,21 @@
 
 from dataclasses import dataclass
 
-from rfca_rig.doctor.finding import Finding, green, red
+from rfca_rig.doctor.finding import Finding, green, red, yellow
 
 SUBJECT = "compiled code"
+COMPILES = "rfca-rig predict --height 215 --speed 2.433"
 
 
 @dataclass(frozen=True)
 class CacheSeen:
-    """`error` is why the folder, or the one that it would be made in, cannot be written; None where it can."""
+    """`error` is why the folder, or the one that it would be made in, cannot be written; None where it can.
+
+    `functions` are those that need not be compiled again.
+    """
 
     folder: str
-    is_warm: bool
+    functions: int
     error: str | None = None
 
 
@@ -20,4 +24,7 @@ def judge_compiled_cache(seen: CacheSeen) -> Finding:
     if seen.error is not None:
         fix = "name a folder of your own, in this terminal and in ~/.profile:"
         return red(SUBJECT, f"{seen.folder} cannot be written: {seen.error}", fix, "export NUMBA_CACHE_DIR=$HOME/rfca-rig-compiled")
-    return green(SUBJECT, f"{seen.folder}{'' if seen.is_warm else ', still empty: the first run takes ten seconds more'}")
+    if not seen.functions:
+        fix = "let it be compiled before you need it, in ten seconds to a minute:"
+        return yellow(SUBJECT, f"none in {seen.folder} yet: the first use of the model waits for it", fix, COMPILES)
+    return green(SUBJECT, f"{seen.functions} functions in {seen.folder}")

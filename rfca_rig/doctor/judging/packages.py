@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 
-from rfca_rig.doctor.finding import Finding, green, red
+from rfca_rig.doctor.finding import Finding, green, red, yellow
 
 SUBJECT = "python packages"
+EXTRAS = "extras"
 
 
 @dataclass(frozen=True)
@@ -15,6 +16,28 @@ class PackageSeen:
     wanted: str
     version: str | None
     fits: bool
+
+
+@dataclass(frozen=True)
+class ExtraSeen:
+    """What one of the package's extras brings, and so what can be done with it."""
+
+    name: str
+    packages: tuple[PackageSeen, ...]
+
+
+def judge_extras(seen: tuple[ExtraSeen, ...]) -> Finding:
+    """None of them is needed by all; one that is there must fit."""
+    there = [one for one in seen if all(package.fits for package in one.packages)]
+    old = [package for one in seen for package in one.packages if package.version is not None and not package.fits]
+    missing = [one.name for one in seen if one not in there]
+    said = "; ".join(f"{one.name}: {', '.join(f'{p.name} {p.version}' for p in one.packages)}" for one in there) or "none installed"
+    if missing:
+        said += f"; not installed: {', '.join(missing)}"
+    if old:
+        worn = ", ".join(f"{package.name} {package.version}" for package in old)
+        return yellow(EXTRAS, f"{said}; too old: {worn}", "install what fits:", "pip install " + " ".join(f'"{one.wanted}"' for one in old))
+    return green(EXTRAS, said)
 
 
 def judge_packages(seen: tuple[PackageSeen, ...], python: str, own_version: str) -> Finding:

@@ -13,7 +13,7 @@ from rfca_rig.clock import Clock
 from rfca_rig.doctor.judging.clock import LoopSeen
 from rfca_rig.doctor.judging.compiled_cache import CacheSeen
 from rfca_rig.doctor.judging.disk import DiskSeen
-from rfca_rig.doctor.judging.packages import PackageSeen
+from rfca_rig.doctor.judging.packages import ExtraSeen, PackageSeen
 from rfca_rig.drivers.datagrams import UdpDatagrams
 from rfca_rig.model.compiled import CACHE_FOLDER
 
@@ -21,6 +21,8 @@ PERIOD_S = 2e-3
 LOOP_S = 1.0
 BLOCK = bytes(1 << 20)
 BLOCKS = 16
+LOOKS = 10_000
+FOR_TESTS = ("dev", "strangers")
 
 
 def granted_receive_buffer() -> int:
@@ -37,7 +39,19 @@ def look_at_clock(clock: Clock) -> LoopSeen:
         clock.wait_until(ticks_s[0] + number * PERIOD_S)
         ticks_s.append(clock.now_s())
     gaps_s = np.diff(ticks_s)
-    return LoopSeen(PERIOD_S, float(np.quantile(gaps_s, 0.99)), float(gaps_s.max()))
+    return LoopSeen(PERIOD_S, float(np.quantile(gaps_s, 0.99)), float(gaps_s.max()), _step_s(clock))
+
+
+def _step_s(clock: Clock) -> float:
+    """The least by which two looks at the clock differ, if they differ at all."""
+    times_s = np.array([clock.now_s() for _ in range(LOOKS)])
+    steps_s = np.diff(times_s)
+    return float(steps_s[steps_s > 0.0].min(initial=times_s[-1] - times_s[0]))
+
+
+def cores() -> int:
+    """That this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def look_at_disk(runs: Path, clock: Clock) -> DiskSeen:
@@ -59,9 +73,9 @@ def look_at_disk(runs: Path, clock: Clock) -> DiskSeen:
 def look_at_compiled_cache(folder: Path = Path(CACHE_FOLDER)) -> CacheSeen:
     try:
         with tempfile.TemporaryFile(dir=_nearest(folder)):
-            return CacheSeen(str(folder), folder.is_dir())
+            return CacheSeen(str(folder), sum(1 for _ in folder.rglob("*.nbi")))
     except OSError as error:
-        return CacheSeen(str(folder), folder.is_dir(), error.strerror or str(error))
+        return CacheSeen(str(folder), 0, error.strerror or str(error))
 
 
 def _nearest(folder: Path) -> Path:
@@ -73,6 +87,17 @@ def look_at_packages() -> tuple[PackageSeen, ...]:
     """What the package says it needs, without its extras."""
     wanted = [Requirement(line) for line in metadata.requires("rfca-rig") or ()]
     return tuple(_package(one) for one in wanted if one.marker is None or one.marker.evaluate({"extra": ""}))
+
+
+def look_at_extras() -> tuple[ExtraSeen, ...]:
+    """Those for users; what only the package's own tests need is left out."""
+    wanted = [Requirement(line) for line in metadata.requires("rfca-rig") or ()]
+    names = [name for name in metadata.metadata("rfca-rig").get_all("Provides-Extra") or () if name not in FOR_TESTS]
+    return tuple(ExtraSeen(name, tuple(_package(one) for one in wanted if _is_of(one, name))) for name in names)
+
+
+def _is_of(wanted: Requirement, extra: str) -> bool:
+    return wanted.marker is not None and wanted.marker.evaluate({"extra": extra}) and not wanted.marker.evaluate({"extra": ""})
 
 
 def _package(wanted: Requirement) -> PackageSeen:

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.codecs.netbox_status import status_text
 from rfca_rig.drivers.roles import ForceSamples
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.plan import Limits
@@ -48,7 +49,7 @@ class SensorWatch:
                 Trip.SENSOR_SATURATED, f"force sensor saturated (status 0x{int(worst):08x}); its values can no longer guard the rig"
             )
         if worst & SENSOR_FAULT and worst & ANY_ERROR:
-            raise Tripped(Trip.SENSOR_ERROR, f"force sensor reports an error (status 0x{int(worst):08x}); see its status page")
+            raise Tripped(Trip.SENSOR_ERROR, f"force sensor reports an error: {status_text(int(worst))}; see its status page")
 
     def _check_time(self, samples: ForceSamples) -> None:
         """Records may come, and yet have left out so much in between that nobody watched the force."""

@@ -69,7 +69,11 @@ class ShaftWatch:
     def following(self, now_s: float, now: Tracking) -> None:
         """Speed, and how far the shaft is from where it should be; the limit grows with the speed."""
         if abs(now.speed_rad_s) > self._limits.speed_rad_s:
-            raise Tripped(Trip.OVERSPEED, f"shaft at {now.speed_rad_s:.2f} rad/s, limit {self._limits.speed_rad_s:g} rad/s")
+            raise Tripped(
+                Trip.OVERSPEED,
+                f"shaft at {now.speed_rad_s:.2f} rad/s, limit {self._limits.speed_rad_s:g} rad/s; does the drive obey, and are gear and "
+                "encoder as the rig file says?",
+            )
         self._check_behind(now)
         self._check_jam(now_s, now)
 

@@ -10,8 +10,9 @@ from rfca_rig.model.catalogue import FOLDER_VARIABLE, catalogue
 from tests.model.effects.rigs import having, paper_stroke, released
 from tests.model.legs import pendulum
 
-LAB = Path(__file__).parent / "lab"
-GUIDE = Path(__file__).parents[3] / "docs" / "add-an-effect.md"
+DOCS = Path(__file__).parents[3] / "docs"
+LAB = DOCS / "examples" / "effects"
+GUIDE = DOCS / "add-an-effect.md"
 
 
 def test_a_lab_s_own_effect_damps_as_its_law_says(monkeypatch):
@@ -34,7 +35,7 @@ def test_a_lab_s_own_effect_changes_the_stroke_and_is_gone_without_its_folder(mo
 
 
 def test_the_guide_shows_the_very_file_that_is_tested():
-    assert (LAB / "cubic_damping.py").read_text() in GUIDE.read_text()
+    assert (LAB / "our_effect.py").read_text() in GUIDE.read_text()
 
 
 @pytest.mark.parametrize("content", ["def torque(:\n", "import no_such_module\n", "EFFECT = 3\n", "1 / 0\n", ""])
@@ -51,7 +52,7 @@ def test_a_broken_file_gives_one_line_that_names_it(content, tmp_path, monkeypat
     [("rate**3", "open(rate)"), ('values["coefficient_Nm_s3_per_rad3"],', "0.0,) * 9 + ("), (", 3.0 * parameter[0] * rate**2", "")],
 )
 def test_a_law_that_cannot_be_compiled_or_called_gives_one_line_that_names_its_file(old, new, tmp_path, monkeypatch):
-    text = (LAB / "cubic_damping.py").read_text()
+    text = (LAB / "our_effect.py").read_text()
     assert old in text
     (tmp_path / "wrong_law.py").write_text(text.replace(old, new, 1))
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))

@@ -1,0 +1,102 @@
+"""What may go wrong on purpose with the devices of a rig file, and a twin in this process to which it happens."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import can
+
+from rfca_rig.description.force_sensor_sections import NetFtSection
+from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, OdriveSection
+from rfca_rig.description.rig_file import RigFile
+from rfca_rig.twin_server.agenda import Agenda, Switching
+from rfca_rig.twin_server.cubemars_faults import CUBEMARS_FAULTS, cubemars_events
+from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, Fault, FaultPanel
+from rfca_rig.twin_server.moteus_faults import MOTEUS_FAULTS, MoteusDialect, moteus_events
+from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
+from rfca_rig.twin_server.tampered_bus import Dialect, NoDialect, TamperedBus
+from rfca_rig.twin_server.tampered_link import TamperedLink
+from rfca_rig.twins.cubemars_mit import CubemarsMitTwin
+from rfca_rig.twins.cubemars_servo import CubemarsServoTwin
+from rfca_rig.twins.datagram_link import Link
+from rfca_rig.twins.moteus import MoteusTwin
+from rfca_rig.twins.motor import MotorTwin
+from rfca_rig.twins.odrive import OdriveTwin
+
+
+def faults_of(rig: RigFile) -> tuple[Fault, ...]:
+    """Every fault that this rig's devices can have, those of the sensor box's own pages aside."""
+    force = FORCE_FAULTS if isinstance(rig.force_sensor, NetFtSection) else ()
+    return (*force, *CAN_FAULTS, *_motor_faults(rig))
+
+
+def served_faults_of(rig: RigFile) -> tuple[Fault, ...]:
+    """The same for a rig whose sensor box has pages that clients read."""
+    return (*faults_of(rig), *(BOX_FAULTS if isinstance(rig.force_sensor, NetFtSection) else ()))
+
+
+def _motor_faults(rig: RigFile) -> tuple[Fault, ...]:
+    match rig.motor:
+        case OdriveSection():
+            return ODRIVE_FAULTS
+        case MoteusSection():
+            return MOTEUS_FAULTS
+        case CubemarsMitSection() | CubemarsServoSection():
+            return CUBEMARS_FAULTS
+        case _:
+            return ()
+
+
+def dialect_of(rig: RigFile) -> Dialect:
+    match rig.motor:
+        case OdriveSection():
+            return OdriveDialect()
+        case MoteusSection():
+            return MoteusDialect()
+        case _:
+            return NoDialect()
+
+
+def events_of(motor: MotorTwin) -> Mapping[str, Callable[[], None]]:
+    """What happens once inside the drive, by the name of the fault."""
+    match motor:
+        case OdriveTwin():
+            return odrive_events(motor)
+        case MoteusTwin():
+            return moteus_events(motor)
+        case CubemarsMitTwin() | CubemarsServoTwin():
+            return cubemars_events(motor)
+        case _:
+            return {}
+
+
+class Mishaps:
+    """Faults of a twin in this process, switched by the rig's own clock. Without orders it leaves everything as it is."""
+
+    def __init__(self, rig: RigFile, orders: Sequence[Switching]) -> None:
+        """Raises BadInput for an order that names no fault of this rig."""
+        self._rig = rig
+        self._is_idle = not orders
+        self._panel = FaultPanel(faults_of(rig))
+        self._agenda = Agenda(orders, self._panel)
+
+    def on_bus(self, end: can.BusABC) -> can.BusABC:
+        """The drive's end of the wire."""
+        return end if self._is_idle else TamperedBus(end, self._panel, dialect_of(self._rig))
+
+    def on_link(self, link: Link) -> Link:
+        """The sensor's end of the network."""
+        return link if self._is_idle else TamperedLink(link, self._panel)
+
+    def befalling(self, process: Callable[[float], None], motor: MotorTwin) -> Callable[[float], None]:
+        """`process`, which carries the twins to a moment, with what befalls them until then."""
+        if self._is_idle:
+            return process
+        events = events_of(motor)
+
+        def carried(to_s: float) -> None:
+            self._agenda.pass_to(to_s)
+            for name, happen in events.items():
+                if self._panel.take(name):
+                    happen()
+            process(to_s)
+
+        return carried

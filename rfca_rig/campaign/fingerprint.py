@@ -1,0 +1,37 @@
+"""A hash by which a recording is known again, whichever form it has on disk."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from rfca_rig.campaign.layout import FILE_NAME
+from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
+from rfca_rig.recording.layout import ENDING, HEADER, RECORDING, stage_files
+from rfca_rig.recording.sums import sha256_of, sum_line
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """SHA-256 of `of`: of one file, or, of several, of the lines that sha256sum writes for them in their order by name."""
+
+    of: str
+    sha256: str
+
+
+def fingerprint(path: Path) -> Fingerprint:
+    """Of what `open_recordings` opens there. Raises OSError."""
+    if path.is_file():
+        return Fingerprint(path.name, sha256_of(path))
+    if (path / RECORDING).is_file():
+        return Fingerprint(RECORDING, sha256_of(path / RECORDING))
+    files = _files(path)
+    lines = "".join(f"{sum_line(file, path)}\n" for file in files)
+    return Fingerprint(f"sha256sum of {len(files)} files", hashlib.sha256(lines.encode()).hexdigest())
+
+
+def _files(folder: Path) -> list[Path]:
+    """Of a campaign its description and its tables; of a run that is not put together its header, its stages and how it ended."""
+    if (folder / FILE_NAME).is_file() or (folder / PENDULUM).is_file():
+        return sorted([*folder.glob("*.toml"), *folder.rglob("*.csv")])
+    named = [file for file in (folder / HEADER, folder / ENDING) if file.is_file()]
+    return sorted([*named, *stage_files(folder), *folder.glob(f"{RECORDING}.partial/*.h5")])

@@ -1,0 +1,92 @@
+"""rfca-rig diagnose --each: many recordings, a diagnosis of each by itself."""
+
+import json
+from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from rfca_rig.cli.crews import Told, asked_crew
+
+if TYPE_CHECKING:
+    from rfca_rig.crew.form import Crew
+
+ANSWER = "diagnosis.json"
+
+
+def diagnose_each(paths: Sequence[Path], out: Path, workers: int | None, cluster: str | None, as_json: bool) -> None:
+    """A folder for each path under `out`; one that is there already stays. Raises RigError where some could not be diagnosed."""
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.errors import RigError, Stopped
+    from rfca_rig.recording.whole import see_afresh, sweep_out
+
+    folders = _folders(paths, out)
+    out.mkdir(parents=True, exist_ok=True)
+    sweep_out(out)
+    try:
+        with progress(quiet=as_json) as bars, asked_crew(workers, cluster, bars.told, out) as crew:
+            failed = _diagnosed(folders, crew, bars.told)
+    except KeyboardInterrupt:
+        raise Stopped("stopped by the operator; the same command goes on where it stood") from None
+    see_afresh(out)
+    answers = {name: json.loads((out / name / ANSWER).read_text(encoding="utf-8")) for name in folders if name not in failed}
+    if as_json:
+        typer.echo(json.dumps(answers, indent=1))
+    else:
+        for name, answer in answers.items():
+            typer.echo(f"{name}: {_in_words(answer)}")
+    if failed:
+        name, why = min(failed.items())
+        raise RigError(f"{len(failed)} of {len(folders)} could not be diagnosed, as {name}: {why}")
+
+
+def _folders(paths: Sequence[Path], out: Path) -> dict[str, tuple[Path, Path]]:
+    """For each name where its recordings are, and where its diagnosis goes."""
+    from rfca_rig.errors import BadInput
+
+    folders: dict[str, tuple[Path, Path]] = {}
+    for path in paths:
+        name = path.resolve().parent.name if path.is_file() else path.resolve().name
+        if name in folders:
+            raise BadInput(f"{path}: {folders[name][0]} is called {name} too, and --each gives a folder to each name; rename one of them")
+        folders[name] = (path.resolve(), out.resolve() / name)
+    return folders
+
+
+def _diagnosed(folders: dict[str, tuple[Path, Path]], crew: "Crew", told: Told) -> dict[str, str]:
+    """Why there is no diagnosis, by name, of those that have none."""
+    from rfca_rig.crew.doing import Failed, done
+
+    to_do = [each for each in folders.values() if not (each[1] / ANSWER).is_file()]
+    before = len(folders) - len(to_do)
+    failed: dict[str, str] = {}
+    told("diagnoses", before, len(folders))
+    for number, ((_, into), result) in enumerate(done(crew, diagnose_quietly, to_do), start=before + 1):
+        why = result.reason if isinstance(result, Failed) else result
+        if why is not None:
+            failed[into.name] = why
+        told("diagnoses", number, len(folders))
+    return failed
+
+
+def diagnose_quietly(job: tuple[Path, Path]) -> str | None:
+    """One diagnosis, what it prints unheard; the reason where the recordings cannot be used."""
+    from rfca_rig.cli.diagnosing import diagnose
+    from rfca_rig.errors import RigError
+    from rfca_rig.recording.whole import whole
+
+    recordings, folder = job
+    try:
+        with whole(folder) as into, redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+            diagnose([recordings], into)
+    except RigError as error:
+        return str(error)
+    return None
+
+
+def _in_words(answer: dict[str, Any]) -> str:
+    named = [f"{effect['id']} ({100.0 * effect['probability']:.1f} %)" for effect in answer["effects"]]
+    return ", ".join([answer["verdict"], *named])

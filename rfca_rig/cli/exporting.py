@@ -1,0 +1,69 @@
+"""rfca-rig export"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rfca_rig.cli.options import Json
+
+app = typer.Typer(help="Recordings for other programs: MCAP for Foxglove and PlotJuggler, CSV for the rest.", no_args_is_help=True)
+Recorded = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder, its run.h5, or a campaign.")]
+
+
+@app.command("mcap")
+def export_mcap(
+    run: Recorded,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The .mcap file to write.")],
+    as_json: Json = False,
+) -> None:
+    """Write a recording as MCAP: samples, stages, events and photos by the host's clock.
+
+    Foxglove, Lichtblick and PlotJuggler open it without plugins; see docs/live-view.md. Needs pip install "rfca-rig[mcap]".
+
+    Example: rfca-rig export mcap runs/SIM-table-ii-001 --out table-ii.mcap
+    """
+    import json
+    from importlib.util import find_spec
+
+    from rfca_rig.errors import BadInput
+
+    if any(find_spec(name) is None for name in ("mcap", "google")) or find_spec("google.protobuf") is None:
+        raise BadInput('MCAP is an extra that is not installed; type pip install "rfca-rig[mcap]"')
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.export.mcap_file import export_mcap as export
+
+    with progress(as_json) as bars:
+        exported = export(run, out, bars.counting("stages"))
+    if as_json:
+        counts = {"messages": exported.messages, "pictures": exported.pictures, "missing": list(exported.missing)}
+        typer.echo(json.dumps({"out": str(out), **counts}, indent=1))
+        return
+    for name in exported.missing:
+        typer.echo(f"{run / name}: is not there or is no picture, so it is left out", err=True)
+    typer.echo(
+        f"{exported.messages} messages, {exported.pictures} of them pictures, in {out}; open it in Foxglove or PlotJuggler", err=True
+    )
+
+
+@app.command("csv")
+def export_csv(
+    run: Recorded,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The folder to make.")],
+    as_json: Json = False,
+) -> None:
+    """Write a recording as CSV: a file per stage and device, and one of all static stages.
+
+    Example: rfca-rig export csv runs/SIM-table-ii-001 --out table-ii
+    """
+    import json
+
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.export.csv_files import export_csv as export
+
+    with progress(as_json) as bars:
+        exported = export(run, out, bars.counting("stages"))
+    if as_json:
+        typer.echo(json.dumps({"out": str(out), "files": exported.files, "records": exported.records}, indent=1))
+        return
+    typer.echo(f"{exported.records} records in {exported.files} files; {out / 'stages.csv'} lists them", err=True)

@@ -1,0 +1,27 @@
+"""Results on standard output, in lines that fit a terminal."""
+
+import shutil
+import textwrap
+from collections.abc import Iterable
+
+import typer
+
+WIDTH, WIDEST = 80, 120
+
+
+def print_lines(lines: Iterable[str], indent: str = "  ") -> None:
+    """What is longer than the terminal is wide goes on in the next line, between words; 80 columns where no person watches.
+
+    Tables are made to fit those, so that only prose is ever cut.
+    """
+    width = min(shutil.get_terminal_size((WIDTH, 24)).columns, WIDEST)
+    for line in lines:
+        for piece in fitted(line, width, indent):
+            typer.echo(piece)
+
+
+def fitted(line: str, width: int = WIDTH, indent: str = "  ") -> list[str]:
+    """The line in pieces of at most that many columns; a path or a command too long for one stays whole."""
+    if len(line) <= width:
+        return [line]
+    return textwrap.wrap(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)

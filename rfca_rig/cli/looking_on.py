@@ -1,0 +1,95 @@
+"""A run that is looked at in the browser while it goes on, where that was asked for."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
+
+from rfca_rig.bench.outcome import Outcome
+from rfca_rig.cli.order import Order, Viewing
+from rfca_rig.cli.terminal import Say
+from rfca_rig.clock import TwinClock, WatchedTwinClock
+from rfca_rig.drivers.roles import StreamHealth
+from rfca_rig.engine.bench import Bench
+from rfca_rig.engine.onlooker import NOBODY, Onlooker
+from rfca_rig.engine.wishes import Wishes
+from rfca_rig.errors import RigError, Tripped
+from rfca_rig.recording.keeper import Keeper
+from rfca_rig.view.live_view import LiveView
+from rfca_rig.view.run_facts import run_facts
+
+
+def viewing_of(is_asked: bool, port: int | None, pace: float) -> Viewing | None:
+    """What was asked for; who names a port wants the view."""
+    return Viewing(port or 0, pace) if is_asked or port is not None else None
+
+
+def twin_clock(order: Order) -> TwinClock:
+    """Who looks on wants to see the leg move as it would; otherwise a twin is as fast as it can be."""
+    return WatchedTwinClock(order.viewing.pace) if order.viewing and order.viewing.pace else TwinClock()
+
+
+class LookedOn:
+    """A run's view, or none."""
+
+    def __init__(self, order: Order, bench: Bench, wishes: Wishes) -> None:
+        """Raises BadInput for a port that is taken, RigError where the view cannot be started."""
+        self._bench = bench
+        self._mark = order.mark
+        self._keeper: Keeper | None = None
+        self._say: Say | None = None
+        self._view: LiveView | None = None
+        if order.viewing is not None:
+            facts = run_facts(order.plan, order.mark, bench.sensor.scale(), order.believes.believed())
+            self._view = LiveView(facts, order.plan, wishes, self._vitals, self._tell, order.viewing.port)
+            typer.echo(f"{order.mark} watch the run, and stop it, at {self._view.url}", err=True)
+
+    @property
+    def onlooker(self) -> Onlooker:
+        return NOBODY if self._view is None else self._view.tap
+
+    def _vitals(self) -> tuple[StreamHealth, int]:
+        return self._bench.sensor.health(), 0 if self._keeper is None else self._keeper.backlog_bytes
+
+    def _tell(self, line: str) -> None:
+        if self._say is not None:
+            self._say(line)
+
+    def begin(self, keeper: Keeper, say: Say) -> Say:
+        """From now on there is a recorder to look at. What is said through the way of saying that this returns, the page shows, too."""
+        self._keeper, self._say = keeper, self._aloud(say)
+        return self._say
+
+    def _aloud(self, say: Say) -> Say:
+        view = self._view
+        if view is None:
+            return say
+
+        def aloud(line: str) -> None:
+            say(line)
+            view.tap.line(line)
+
+        return aloud
+
+    def over(self, error: RigError | None) -> None:
+        """The motor is off, because of the error, or because all was done."""
+        if self._view is None:
+            return
+        self._view.tap.ended(Outcome.of(error).why, str(error.code) if isinstance(error, Tripped) else "")
+        if not self._view.is_alive:
+            typer.echo(f"{self._mark} the view had ended by itself, which the run did not notice; RFCA_RIG_DEBUG=1 shows why", err=True)
+
+    def close(self) -> None:
+        """Nothing more is told; the page stays for as long as it is open."""
+        if self._view is not None:
+            self._view.close()
+
+
+@contextmanager
+def looked_on(order: Order, bench: Bench, wishes: Wishes) -> Iterator[LookedOn]:
+    """For the length of the block. Raises as LookedOn does."""
+    looking = LookedOn(order, bench, wishes)
+    try:
+        yield looking
+    finally:
+        looking.close()

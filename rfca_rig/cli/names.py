@@ -1,0 +1,75 @@
+"""What there is to be named on the command line, found without loading anything heavy: for shell completion, and for who mistypes."""
+
+import os
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
+
+from rfca_rig.cli.places import PACKAGE, folders_of
+from rfca_rig.logbook import entry
+from rfca_rig.logbook.wanted import VERDICTS as ANY_VERDICT
+from rfca_rig.trip_codes import Trip
+
+FIT_PARAMETERS = (
+    "k0",
+    "k2",
+    "hinge_damping",
+    "mass",
+    "link_radius",
+    "friction",
+    "contact_stiffness",
+    "contact_damping",
+    "presliding",
+    "friction_lever",
+    "tangential_damping",
+    "below_shaft",
+    "ramp",
+    "start_angle",
+    "height",
+)
+PHASES = ("rest", "free", "touchdown", "loading", "release", "rebound")
+RUN_KINDS, SOURCES = entry.KINDS, entry.SOURCES
+RUN_ENDINGS = tuple(word.replace(" ", "-") for word in entry.ENDINGS)
+VERDICTS = tuple(word.replace(" ", "-") for word in ANY_VERDICT)
+TRIP_CODES = tuple(code.value for code in Trip)
+RECORDED = ("run.json", "run.h5", "campaign.toml", "pendulum.toml")
+MOST_FOLDERS = 50
+
+
+def effect_names() -> list[str]:
+    """Of the package and of the lab's own folder; an effect's file is called as it is."""
+    return _stems(filter(None, (str(PACKAGE / "model" / "effects"), os.environ.get("RFCA_RIG_EFFECTS"))), "*.py")
+
+
+def file_names(kind: str) -> list[str]:
+    """Of the protocols, sweeps or rigs ("calibration") that can be named without a path."""
+    return _stems(folders_of(kind), "*.toml")
+
+
+def rig_names() -> list[str]:
+    """Beside rig files lie files of cameras."""
+    files = {file.stem: file for folder in folders_of("calibration") for file in Path(folder).glob("*.toml")}
+    return sorted(name for name, file in files.items() if "\n[rig]" in file.read_text(encoding="utf-8", errors="replace"))
+
+
+def recorded_folders(begun: str) -> list[str]:
+    """Folders of runs and campaigns whose path begins so, the newest first; those in runs/ where nothing is typed yet."""
+    parent, slash, _ = begun.rpartition("/")
+    places = [parent or "/"] if slash else [".", "runs"]
+    newest = sorted((one for place in places for one in _folders_in(place, begun)), reverse=True)
+    recorded = (path for _, path in newest if any(Path(path, name).exists() for name in RECORDED))
+    return list(islice(recorded, MOST_FOLDERS))
+
+
+def _folders_in(place: str, begun: str) -> Iterator[tuple[float, str]]:
+    """(when it was changed last, path)."""
+    try:
+        with os.scandir(place) as listing:
+            inside = [one for one in listing if one.path.removeprefix("./").startswith(begun) and one.is_dir()]
+    except OSError:
+        return
+    yield from ((one.stat().st_mtime, one.path.removeprefix("./")) for one in inside)
+
+
+def _stems(folders: Iterable[str | Path], pattern: str) -> list[str]:
+    return sorted({file.stem for folder in folders for file in Path(folder).glob(pattern) if not file.stem.startswith("_")})

@@ -1,0 +1,49 @@
+"""Output that no terminal can choke on: what its encoding cannot carry is written in ASCII."""
+
+import codecs
+import io
+import os
+import sys
+
+NAME = "rfca-ascii"
+ASCII = {
+    "\u00a0": " ",
+    "\u00b0": " deg",
+    "\u00b1": "+-",
+    "\u00b2": "2",
+    "\u00b3": "3",
+    "\u00b5": "u",
+    "\u00b7": ".",
+    "\u00d7": "x",
+    "\u2013": "-",
+    "\u2026": "...",
+    "\u2192": "->",
+    "\u2212": "-",
+}
+
+
+def make_safe() -> None:
+    """For standard output and the error stream of this process; those of another kind, as in tests, stay as they are."""
+    codecs.register_error(NAME, _in_ascii)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=NAME)
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    """What stands for characters that cannot be written; as JSON has it where no sign comes near, so that JSON stays JSON."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(_sign, error.object[error.start : error.end])), error.end
+
+
+def _sign(character: str) -> str:
+    if character in ASCII:
+        return ASCII[character]
+    words = character.encode("utf-16-be", "surrogatepass")
+    return "".join(f"\\u{words[i]:02x}{words[i + 1]:02x}" for i in range(0, len(words), 2))
+
+
+def takes_colours() -> bool:
+    """Whether the user wants colours at all; whether there is a terminal is another question."""
+    return not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

@@ -1,0 +1,183 @@
+"""rfca-rig sweep"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rfca_rig.cli.crews import Cluster, Workers
+from rfca_rig.cli.options import Json, Model
+
+if TYPE_CHECKING:
+    from rfca_rig.clock import Clock
+    from rfca_rig.model.parameters import RigModel
+    from rfca_rig.sweep.plan import SweepPlan
+    from rfca_rig.sweep.result import SweepResult
+
+HELP_VARY = "A grid, NAME=FROM:TO:STEPS[:log] or NAME=A,B,C; with --samples a range, NAME=FROM:TO[:log]. May be given several times."
+
+
+def sweep(
+    file: Annotated[str | None, typer.Argument(metavar="[FILE]", help="A sweep: a name in sweeps/, or a .toml file.")] = None,
+    vary: Annotated[list[str] | None, typer.Option("--vary", metavar="NAME=...", help=HELP_VARY)] = None,
+    fixed: Annotated[
+        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A value for all cases. May be given several times.")
+    ] = None,
+    outputs: Annotated[str, typer.Option("--outputs", metavar="NAME,...", help="What to put out; --list prints all there are.")] = "",
+    samples: Annotated[int | None, typer.Option("--samples", metavar="N", min=2, help="So many points spread over the ranges.")] = None,
+    method: Annotated[str, typer.Option("--method", metavar="KIND", help="How they are spread: sobol or latin.")] = "sobol",
+    seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed, the same points.")] = 0,
+    rig: Annotated[str | None, typer.Option("--rig", metavar="NAME|FILE", help="The rig: a name in calibration/, or a .toml file.")] = None,
+    model: Model = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="A new folder, or that of a sweep that was stopped.")] = None,
+    workers: Workers = None,
+    cluster: Cluster = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="How many cases, how long, how many bytes; computes a few only.")] = False,
+    lists: Annotated[bool, typer.Option("--list", help="Print what can be varied and what can be put out.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Design questions: any parameters of the model over grids or samples, any outputs, to CSV, HDF5 and a page of figures.
+
+    A stopped sweep goes on where it stood when the same command is typed again.
+
+    Example: rfca-rig sweep --vary height_mm=195:255:13 --outputs valley_fz_N,energy_J --out sweep
+    """
+    from rfca_rig.clock import WallClock
+    from rfca_rig.errors import Stopped
+
+    if lists:
+        _print_lists()
+        return
+    plan, command = _asked(file, vary or [], fixed or [], outputs, samples, method, seed, rig, model)
+    if dry_run:
+        _print_foretold(plan, workers, as_json)
+        return
+    folder = Path(Path(file).stem if file else "sweep") if out is None else out
+    try:
+        result = _carried_out(plan, folder, workers, cluster, quiet=as_json, clocks=WallClock)
+    except KeyboardInterrupt:
+        raise Stopped("stopped by the operator; the same command goes on where it stood") from None
+    _report(result, folder, [*command, "--out", folder], as_json)
+
+
+def _asked(
+    file: str | None,
+    vary: list[str],
+    fixed: list[str],
+    outputs: str,
+    samples: int | None,
+    method: str,
+    seed: int,
+    rig: str | None,
+    model: Path | None,
+) -> "tuple[SweepPlan, list[str | Path]]":
+    """The plan, and the words with which it is asked for again."""
+    from rfca_rig.errors import BadInput
+    from rfca_rig.sweep.typed_sweep import typed_plan
+
+    if file is not None:
+        if vary or fixed or outputs or samples or rig or model:
+            raise BadInput(f"{file} says what is varied; leave --vary, --set, --outputs, --samples, --rig and --model out, or edit a copy")
+        return _of_file(file)
+    plan = typed_plan(_model(rig, model), vary, fixed, outputs, samples, method, seed)
+    words: list[str | Path] = ["sweep"]
+    for option, given in (("--vary", vary), ("--set", fixed)):
+        for each in given:
+            words += [option, each]
+    if samples is not None:
+        words += ["--samples", f"{samples}", "--method", method, "--seed", f"{seed}"]
+    words += ["--outputs", outputs] if outputs else []
+    words += ["--rig", rig] if rig else []
+    words += ["--model", model] if model else []
+    return plan, words
+
+
+def _of_file(name: str) -> "tuple[SweepPlan, list[str | Path]]":
+    from rfca_rig.cli.places import find_file
+    from rfca_rig.sweep.sweep_file import plan_of, read_sweep
+
+    path = find_file("sweeps", name)
+    said = read_sweep(path)
+    rig = said.rig if said.rig is None or not _is_path(said.rig) else str(path.parent / said.rig)
+    model = None if said.model is None else path.parent / said.model
+    return plan_of(said, _model(rig, model), path), ["sweep", path if _is_path(name) else name]
+
+
+def _is_path(name: str) -> bool:
+    return name.endswith(".toml") or "/" in name
+
+
+def _model(rig: str | None, model: Path | None) -> "RigModel":
+    from rfca_rig.cli.places import find_file
+    from rfca_rig.description.model_file import read_model_file
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.errors import BadInput
+
+    if rig and model:
+        raise BadInput("--rig and --model both say which model; name one of them")
+    return read_model_file(model).model() if model else read_rig(find_file("calibration", rig or "twin")).model()
+
+
+def _carried_out(
+    plan: "SweepPlan", folder: Path, workers: int | None, cluster: str | None, quiet: bool, clocks: "Callable[[], Clock]"
+) -> "SweepResult":
+    from rfca_rig.cli.crews import asked_crew
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.model.compiled import is_warm
+    from rfca_rig.sweep.carrying_out import carry_out
+
+    if not is_warm() and not quiet:
+        typer.echo("compiling the model, once on this machine, about ten seconds ...", err=True)
+    with progress(quiet) as bars, asked_crew(workers, cluster, bars.told) as crew:
+        return carry_out(plan, folder, crew, clocks, bars.told)
+
+
+def _report(result: "SweepResult", folder: Path, command: list[str | Path], as_json: bool) -> None:
+    from rfca_rig.report.origin import typed
+    from rfca_rig.report.sweep_files import HTML, JSON, lines, write_summary
+
+    write_summary(result, folder, typed(*command))
+    if as_json:
+        typer.echo((folder / JSON).read_text(encoding="utf-8"), nl=False)
+        return
+    for line in lines(result):
+        typer.echo(line)
+    typer.echo(f"{folder / HTML}: figures and definitions; all cases in sweep.csv and sweep.h5", err=True)
+
+
+def _print_foretold(plan: "SweepPlan", workers: int | None, as_json: bool) -> None:
+    import json
+
+    from rfca_rig.clock import WallClock
+    from rfca_rig.crew.cores import machine_cores
+    from rfca_rig.sweep.pilot import bytes_expected, measured_pace
+
+    hands = workers or machine_cores()
+    pace = measured_pace(plan, WallClock())
+    seconds = plan.count * pace.seconds_per_case / hands
+    if as_json:
+        said = {"cases": plan.count, "seconds_per_case": pace.seconds_per_case, "workers": hands, "seconds": seconds}
+        typer.echo(json.dumps({**said, "bytes": bytes_expected(plan), "cases_per_shard": pace.cases_per_shard}, indent=1))
+        return
+    typer.echo(f"{plan.title}: {plan.count} cases of {', '.join(plan.varied)}")
+    size = f"{1e-6 * bytes_expected(plan):.1f} MB"
+    typer.echo(f"about {1e3 * pace.seconds_per_case:.1f} ms each, {_duration(seconds)} on {hands} cores; {size}")
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400.0 else f"{seconds / 3600:.1f} h"
+
+
+def _print_lists() -> None:
+    from rfca_rig.sweep.outputs import AT, OUTPUTS
+    from rfca_rig.sweep.quantities import quantities
+
+    typer.echo("what can be varied, also under its name in fit or in a model file:")
+    for each in quantities().values():
+        typer.echo(f"  {each.name}: {each.words}{'; ' if each.choices else ''}{', '.join(each.choices)}")
+    typer.echo("what can be put out:")
+    for output in OUTPUTS.values():
+        typer.echo(f"  {output.name}{f'{AT}ANGLE' if output.at else ''}: {output.words} = {output.equation} [{output.source}]")

@@ -1,0 +1,38 @@
+"""CAN buses on which something is wrong."""
+
+import can
+
+
+class Failing(can.BusABC):
+    """A bus whose adapter was pulled."""
+
+    channel_info = "pulled"
+
+    def __init__(self) -> None:
+        super().__init__(channel="pulled")
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002
+        raise can.CanOperationError("transmit buffer full")
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:  # noqa: ARG002
+        raise can.CanOperationError("no such device")
+
+
+class FullFor(can.BusABC):
+    """A bus whose transmit queue is full for the first few frames."""
+
+    channel_info = "full"
+
+    def __init__(self, frames: int) -> None:
+        super().__init__(channel="full")
+        self._left = frames
+        self.sent: list[can.Message] = []
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002
+        self._left -= 1
+        if self._left >= 0:
+            raise can.CanOperationError("transmit buffer full")
+        self.sent.append(msg)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:  # noqa: ARG002
+        return None, False

@@ -1,0 +1,170 @@
+"""What every force sensor promises, whatever its wire: written once, inherited by the test of each device."""
+
+import numpy as np
+import pytest
+
+from rfca_rig.contracts.force_sensor_rig import ForceSensorRig, constant
+from rfca_rig.drivers.roles import ForceSamples, StreamHealth
+
+ERROR, SATURATED = np.uint32(1 << 31), np.uint32(1 << 17)
+
+KNOWN = (3.0, -7.5, 12.25, 0.5, -0.75, 1.125)
+
+
+class ForceSensorContract:
+    """Inherit, and say in `rig` what the device is."""
+
+    @pytest.fixture
+    def rig(self) -> ForceSensorRig:
+        raise NotImplementedError
+
+    def test_streams_at_its_rate_and_numbers_every_record(self, rig: ForceSensorRig) -> None:
+        rig.sensor.start()
+        samples = rig.run(2.0)
+        assert rig.sensor.scale().rate_Hz == pytest.approx(rig.rate_Hz)
+        assert (2.0 - rig.latency_s) * rig.rate_Hz - 2 <= len(samples.sequence) <= 2.0 * rig.rate_Hz + 2
+        assert samples.sequence.tolist() == list(range(1, len(samples.sequence) + 1))
+
+    def test_time_is_counted_from_the_first_record(self, rig: ForceSensorRig) -> None:
+        rig.sensor.start()
+        samples = rig.run(1.0)
+        assert samples.device_s == pytest.approx((samples.sequence - 1) / rig.rate_Hz, abs=rig.time_step_s)
+        assert np.all(np.diff(samples.host_s) >= 0.0)
+        assert np.ptp(samples.host_s - samples.device_s) < rig.latency_s + 2.0 / rig.rate_Hz + 4e-3
+
+    def test_shapes_and_types_are_those_of_the_role(self, rig: ForceSensorRig) -> None:
+        rig.sensor.start()
+        for samples in (rig.sensor.read(), rig.run(0.5)):
+            rows = len(samples.sequence)
+            assert samples.counts.shape == (rows, 6)
+            assert samples.host_s.shape == samples.device_s.shape == samples.status.shape == (rows,)
+            assert samples.counts.dtype == np.int32
+            assert samples.status.dtype == np.uint32
+            assert samples.sequence.dtype == np.int64
+
+    def test_a_known_wrench_comes_out_as_that_wrench_to_a_step_of_the_device(self, rig: ForceSensorRig) -> None:
+        rig.wrench = constant(*KNOWN)
+        rig.sensor.start()
+        measured = rig.in_units(rig.run(0.5))
+        assert len(measured) > 10
+        assert np.all(np.abs(measured - np.array(KNOWN)) <= rig.resolution)
+
+    def test_a_clean_stream_has_nothing_to_report(self, rig: ForceSensorRig) -> None:
+        rig.sensor.start()
+        samples = rig.run(1.0)
+        assert rig.sensor.health() == StreamHealth(received=len(samples.sequence))
+
+    def test_reading_never_waits(self, rig: ForceSensorRig) -> None:
+        assert len(rig.sensor.read().sequence) == 0
+        rig.sensor.start()
+        before_s = rig.clock.now_s()
+        for _ in range(5):
+            rig.sensor.read()
+        assert rig.clock.now_s() == before_s
+
+    def test_stopping_is_allowed_at_any_time_any_number_of_times(self, rig: ForceSensorRig) -> None:
+        rig.sensor.stop()
+        rig.sensor.start()
+        rig.run(0.2)
+        for _ in range(3):
+            rig.sensor.stop()
+        assert len(rig.run(0.2).sequence) == 0
+
+    def test_a_new_start_counts_anew_and_brings_nothing_old(self, rig: ForceSensorRig) -> None:
+        rig.sensor.start()
+        rig.run(0.3)
+        rig.wrench = constant(*KNOWN)
+        rig.sensor.start()
+        samples = rig.run(0.3)
+        assert samples.sequence[0] == 1
+        assert samples.device_s[0] == 0.0
+        assert np.all(np.abs(rig.in_units(samples) - np.array(KNOWN)) <= rig.resolution)
+        assert rig.sensor.health().lost == rig.sensor.health().duplicate == 0
+
+    def test_a_saturated_sensor_says_so_in_every_record(self, rig: ForceSensorRig) -> None:
+        rig.sensor.start()
+        good = rig.run(0.3)
+        rig.wrench = constant(*rig.saturating)
+        bad = rig.run(0.3)
+        assert not good.status.any()
+        flagged = bad.status != 0
+        assert flagged.sum() > 0.2 * rig.rate_Hz
+        assert np.all(bad.status[flagged] & ERROR)
+        assert np.all(bad.status[flagged] & SATURATED)
+        health = rig.sensor.health()
+        assert health.saturated == health.faulty_status == flagged.sum()
+        assert health.notes
+
+    def test_lost_records_are_counted_and_time_goes_on_right(self, rig: ForceSensorRig) -> None:
+        rig.sensor.start()
+        rig.run(1.2)
+        rig.lose()
+        samples = rig.run(1.2)
+        health = rig.sensor.health()
+        assert health.lost > 0
+        _assert_time_is_right(rig, samples)
+        assert health.received + health.lost == pytest.approx(samples.sequence[-1], abs=1)
+
+    def test_records_that_came_twice_are_handed_over_once(self, rig: ForceSensorRig) -> None:
+        rig.sensor.start()
+        rig.run(0.3)
+        if rig.repeat is not None:
+            rig.repeat()
+        rig.run(0.5)
+        numbers = np.concatenate([block.sequence for block in rig.blocks])
+        assert np.all(np.diff(numbers) == 1)
+        assert (rig.sensor.health().duplicate > 0) == (rig.repeat is not None)
+        assert rig.sensor.health().lost == 0
+
+    def test_records_that_overtook_each_other_are_handed_over_in_order(self, rig: ForceSensorRig) -> None:
+        rig.sensor.start()
+        rig.run(0.3)
+        if rig.swap is not None:
+            rig.swap()
+        rig.run(0.5)
+        numbers = np.concatenate([block.sequence for block in rig.blocks])
+        assert np.all(np.diff(numbers) >= 1)
+        assert (rig.sensor.health().out_of_order > 0) == (rig.swap is not None)
+
+    def test_a_sensor_that_stands_still_is_counted_as_stalled(self, rig: ForceSensorRig) -> None:
+        rig.sensor.start()
+        rig.run(0.5)
+        rig.freeze()
+        rig.run(1.5)
+        assert rig.sensor.health().stalled > 0.9 * rig.rate_Hz
+        assert any("stood still" in note for note in rig.sensor.health().notes)
+
+    def test_damaged_bytes_are_counted_and_the_stream_is_found_again(self, rig: ForceSensorRig) -> None:
+        rig.sensor.start()
+        rig.run(1.2)
+        rig.damage()
+        rig.run(0.3)
+        malformed = rig.sensor.health().malformed
+        assert malformed > 0
+        assert any("thrown away" in note or "no records" in note for note in rig.sensor.health().notes)
+        after = rig.run(1.0)
+        assert rig.sensor.health().malformed == malformed
+        assert len(after.sequence) > 0.9 * rig.rate_Hz - 5
+        _assert_time_is_right(rig, after)
+
+    def test_silence_shows_its_age(self, rig: ForceSensorRig) -> None:
+        rig.sensor.start()
+        rig.run(1.2)
+        rig.silence()
+        rig.run(0.5)
+        (note,) = rig.sensor.health().notes
+        assert "for 0.4" in note or "for 0.5" in note
+
+    def test_who_measures_is_told_in_words(self, rig: ForceSensorRig) -> None:
+        identity = rig.sensor.identity()
+        assert {"make", "serial_number", "counts_per_N", "counts_per_Nm", "rate_Hz"} <= set(identity)
+        assert all(isinstance(value, str) for value in identity.values())
+        assert float(identity["rate_Hz"]) == pytest.approx(rig.rate_Hz, rel=1e-4)
+
+
+def _assert_time_is_right(rig: ForceSensorRig, samples: ForceSamples) -> None:
+    """The newest record is as old, by the device's own time, as it was before anything went wrong: to a latency and what a loss hides."""
+    first = next(block for block in rig.blocks if len(block.sequence))
+    lag_before_s = first.host_s[0] - first.device_s[0]
+    lag_after_s = samples.host_s[-1] - samples.device_s[-1]
+    assert abs(lag_after_s - lag_before_s) < rig.latency_s + 4.0 / rig.rate_Hz + 0.012

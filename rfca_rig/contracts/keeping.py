@@ -1,0 +1,30 @@
+"""Runs the contracts on the own devices of a rig file."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from rfca_rig.contracts import own_force_sensor, own_motor, plugin
+from rfca_rig.description.force_sensor_sections import ForceSensorKeys
+from rfca_rig.description.motor_sections import MotorKeys
+from rfca_rig.description.own_devices import twin_of
+from rfca_rig.description.rig_file import RigFile
+from rfca_rig.errors import BadInput
+
+
+def contracts_of(rig: RigFile) -> list[str]:
+    """The files of the contracts that its own devices are to keep. Raises BadInput for a rig without any, and for one without a twin."""
+    pairs = ((rig.motor, MotorKeys, own_motor), (rig.force_sensor, ForceSensorKeys, own_force_sensor))
+    own = [(keys, module) for keys, kind, module in pairs if isinstance(keys, kind)]
+    if not own:
+        raise BadInput(f'{rig.rig.title}: names no device = "own"; for the others the package keeps the contracts with tests of its own')
+    for keys, _ in own:
+        twin_of(keys)
+    return [str(module.__file__) for _, module in own]
+
+
+def kept(rig: RigFile, path: Path) -> bool:
+    """Whether all of them are kept; pytest prints what it finds."""
+    quiet = ["-q", "--tb=short", "--no-header", "-p", "no:cacheprovider", "-c", os.devnull, "-o", "python_files=*.py"]
+    return int(pytest.main([*quiet, "--rig", str(path), *contracts_of(rig)], plugins=[plugin])) == 0

@@ -1,0 +1,72 @@
+"""Any motor driver on its twin, turning a rotor whose motion is known; no sensor."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import can
+import numpy as np
+
+from rfca_rig.clock import Clock, TwinClock
+from rfca_rig.contracts.rotor import Rotor
+from rfca_rig.drivers.roles import ShaftMotor, ShaftSamples
+from rfca_rig.twins.can_wire import CanEnd, can_wire
+from rfca_rig.twins.datagram_link import datagram_link
+from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.world import TwinWorld
+
+TICK_S = 2e-3
+
+
+@dataclass
+class MotorRig:
+    """`wire` is the driver's end of the bus, `onlooker` hears and may say everything; `turned` is the rotor's true motion."""
+
+    clock: TwinClock
+    rotor: Rotor
+    motor: ShaftMotor
+    twin: Any
+    wire: CanEnd
+    onlooker: can.BusABC
+    turned: list[tuple[float, float, float]] = field(default_factory=list)
+
+    def run(
+        self, seconds: float, speed_rad_s: float | None = None, angle_rad: float | None = None, deaf: bool = False, tick_s: float = TICK_S
+    ) -> ShaftSamples:
+        """Ticks as a control loop does, commanding what is given; returns what was read. `deaf` loses whatever the drive says."""
+        read = [self.motor.read()]
+        for _ in range(round(seconds / tick_s)):
+            if speed_rad_s is not None:
+                self.motor.command_speed(speed_rad_s)
+            if angle_rad is not None:
+                self.motor.command_angle(angle_rad)
+            self.tick(deaf, tick_s)
+            read.append(self.motor.read())
+        return joined(read)
+
+    def tick(self, deaf: bool = False, tick_s: float = TICK_S) -> None:
+        self.clock.wait_until(self.clock.now_s() + tick_s)
+        if deaf:
+            drained(self.wire)
+        self.turned.append((self.clock.now_s(), self.rotor.angle_rad, self.rotor.torque_Nm))
+
+
+def joined(blocks: list[ShaftSamples]) -> ShaftSamples:
+    return ShaftSamples(*(np.concatenate([vars(block)[name] for block in blocks]) for name in vars(blocks[0])))
+
+
+def drained(bus: can.BusABC) -> list[can.Message]:
+    return list(iter(lambda: bus.recv(timeout=0), None))
+
+
+@contextmanager
+def motor_rig(
+    driver: Callable[[can.BusABC, Clock], ShaftMotor], twin: Callable[[can.BusABC], Any], rotor: Rotor | None = None
+) -> Iterator[MotorRig]:
+    rotor, clock = rotor or Rotor(), TwinClock()
+    with can_wire(ends=3) as (drivers_end, twins_end, onlooker):
+        drive = twin(twins_end)
+        sensor = NetFtTwin(datagram_link()[1], NetFtTwinSettings(), np.random.default_rng(1))
+        clock.carry(TwinWorld(rotor, drive, sensor).process)
+        yield MotorRig(clock, rotor, driver(drivers_end, clock), drive, drivers_end, onlooker)

@@ -1,0 +1,166 @@
+"""How a driver of a shaft motor stops, proves that it stops, and tells what is wrong."""
+
+import re
+
+import can
+import numpy as np
+import pytest
+
+from rfca_rig.clock import TwinClock
+from rfca_rig.contracts.failing_buses import Failing, FullFor
+from rfca_rig.contracts.motor_hooks import MotorHooks
+from rfca_rig.errors import DeviceError
+from rfca_rig.twins.can_wire import can_wire
+
+
+class MotorStops(MotorHooks):
+    """Stopping, faults, the bus."""
+
+    # -- stopping ------------------------------------------------------------------------------------------------------------
+
+    def test_disabling_takes_the_torque_away_and_may_be_repeated(self) -> None:
+        with self.rig() as rig:
+            rig.motor.disable()
+            rig.motor.enable()
+            rig.run(0.3, speed_rad_s=2.0)
+            for _ in range(3):
+                rig.motor.disable()
+            rig.tick()
+            speed_rad_s = rig.rotor.speed_rad_s
+            rig.run(0.3)
+            assert rig.rotor.speed_rad_s == speed_rad_s
+            assert rig.motor.status().fault is None
+
+    def test_a_drive_that_falls_silent_is_a_fault(self) -> None:
+        with self.rig() as rig:
+            rig.motor.enable()
+            rig.run(0.1, speed_rad_s=1.0)
+            assert rig.motor.status().silent_s <= 0.11
+            rig.run(1.0, speed_rad_s=1.0, deaf=True)
+            assert rig.motor.status().silent_s > 0.8
+            assert re.search(r"no .* for .* s, limit .*check", rig.motor.status().fault or "")
+
+    def test_an_error_of_the_drive_is_told_with_its_code_and_meaning(self) -> None:
+        with self.rig() as rig:
+            rig.motor.enable()
+            rig.run(0.1, speed_rad_s=1.0)
+            said = self.fail(rig.twin)
+            rig.run(0.2, speed_rad_s=1.0)
+            assert re.search(said, rig.motor.status().fault or "")
+
+    def test_a_watchdog_that_works_is_proven_and_the_motor_can_be_enabled_again(self) -> None:
+        with self.rig(watchdog_s=0.1) as rig:
+            rig.motor.enable()
+            rig.rotor.load_Nm = 0.5  # as gravity pulls at a leg
+            rig.run(0.2, angle_rad=0.3)
+            assert 0.0 < rig.motor.prove_watchdog(0.6) <= 0.7
+            rig.tick()
+            assert rig.rotor.drives[-1][1].torque_Nm(1.0, 1.0) == 0.0
+            rig.rotor.load_Nm = rig.rotor.speed_rad_s = 0.0
+            rig.run(0.05)
+            rig.motor.enable()
+            assert rig.motor.status().fault is None
+
+    @pytest.mark.parametrize("load_Nm", [0.0, 0.5])
+    def test_a_drive_without_watchdog_is_found_out_and_left_without_torque(self, load_Nm: float) -> None:
+        with self.rig(watchdog_s=None) as rig:
+            rig.motor.enable()
+            rig.rotor.load_Nm = load_Nm
+            rig.run(0.2, angle_rad=0.3)
+            with pytest.raises(DeviceError, match="watchdog"):
+                rig.motor.prove_watchdog(0.5)
+            rig.tick()
+            assert rig.rotor.drives[-1][1].torque_Nm(1.0, 1.0) == 0.0
+
+    def test_the_temperature_is_told_where_the_drive_tells_it(self) -> None:
+        with self.rig() as rig:
+            rig.motor.enable()
+            rig.run(0.6, angle_rad=0.3)
+            told_C = rig.motor.status().temperature_C
+            assert told_C == pytest.approx(30.5, abs=1.0) if self.TELLS_TEMPERATURE else told_C is None
+
+    def test_a_motor_that_warms_up_is_told(self) -> None:
+        with self.rig() as rig:
+            rig.motor.enable()
+            rig.twin.warmth.fever_K_s = 20.0
+            rig.run(2.0, angle_rad=0.3)
+            told_C = rig.motor.status().temperature_C
+            assert told_C is None or told_C == pytest.approx(70.0, abs=12.0)
+
+    def test_what_dammed_up_while_nobody_looked_and_has_holes_is_neither_a_leap_nor_handed_out(self) -> None:
+        """A full buffer of the system drops frames while a hand turns the shaft, as at every change of the rack's height."""
+        with self.rig() as rig:
+            rig.motor.enable()
+            rig.run(0.2, angle_rad=0.3)
+            rig.motor.disable()
+            rig.rotor.speed_rad_s = 2.0
+            rig.clock.wait_until(rig.clock.now_s() + 1.0)
+            rig.rotor.speed_rad_s = 0.0
+            rig.clock.wait_until(rig.clock.now_s() + 0.1)
+            arrived = rig.wire._arrived
+            kept = [*list(arrived)[:50], *list(arrived)[-10:]]
+            arrived.clear()
+            arrived.extend(kept)
+            rig.motor.enable()
+            shaft = rig.run(0.2, angle_rad=2.3)
+            assert rig.motor.status().fault is None
+            assert np.abs(np.diff(shaft.angle_rad)).max() < 0.1
+
+    def test_a_drive_that_restarts_in_motion_is_a_fault_and_not_enabled_again_as_its_zero_is_lost(self) -> None:
+        with self.rig() as rig:
+            rig.motor.enable()
+            rig.run(0.5, speed_rad_s=3.0)
+            rig.twin.restart()
+            rig.run(0.2, speed_rad_s=3.0)
+            assert re.search("leapt|restarted", rig.motor.status().fault or "")
+            if rig.rotor.drives[-1][1].torque_Nm(1.0, 1.0) != 0.0:
+                rig.motor.disable()
+            with pytest.raises(DeviceError, match=r"not enabled: .*find its zero again, then start anew"):
+                rig.motor.enable()
+
+    # -- the bus -------------------------------------------------------------------------------------------------------------
+
+    @pytest.mark.parametrize("act", ["enable", "disable"])
+    def test_a_frame_that_cannot_be_sent_is_an_error(self, act: str) -> None:
+        with Failing() as bus, pytest.raises(DeviceError, match="not sent: transmit buffer full"):
+            getattr(self.driver(bus, TwinClock()), act)()
+
+    def test_disabling_tries_again_while_the_transmit_queue_is_full(self) -> None:
+        clock = TwinClock()
+        with FullFor(5) as bus:
+            self.driver(bus, clock).disable()
+            assert bus.sent
+            assert clock.now_s() < 0.02
+
+    def test_disabling_gives_up_after_20_ms(self) -> None:
+        clock = TwinClock()
+        with Failing() as bus, pytest.raises(DeviceError, match="not sent"):
+            self.driver(bus, clock).disable()
+        assert clock.now_s() <= 0.02
+
+    def test_a_controller_that_counts_errors_is_a_fault_until_it_is_well_again(self) -> None:
+        with self.rig() as rig:
+            rig.motor.enable()
+            rig.run(0.1, angle_rad=0.3)
+            for data, passive in (([0, 0x20, 0, 0, 0, 0, 136, 0], True), ([0, 0x40, 0, 0, 0, 0, 90, 0], False)):
+                rig.onlooker.send(can.Message(arbitration_id=0x204, data=data, is_error_frame=True, is_extended_id=False))
+                rig.run(0.01, angle_rad=0.3)
+                assert bool(re.search("error-passive, .* counters 136 and 0", rig.motor.status().fault or "")) == passive
+            assert rig.motor.identity()["can_error_frames"] == "2"
+
+    def test_a_failing_bus_is_an_error_when_reading(self) -> None:
+        with Failing() as bus, pytest.raises(DeviceError, match="no such device"):
+            self.driver(bus, TwinClock()).read()
+
+    def test_a_bus_that_went_off_is_an_error_when_reading(self) -> None:
+        with can_wire() as (here, there):
+            there.send(can.Message(arbitration_id=0x40, is_error_frame=True, is_extended_id=False))
+            with pytest.raises(DeviceError, match="CAN bus is off"):
+                self.driver(here, TwinClock()).read()
+
+    def test_the_identity_is_text_and_names_the_make(self) -> None:
+        with self.rig() as rig:
+            rig.motor.enable()
+            identity = rig.motor.identity()
+            assert identity["make"]
+            assert all(isinstance(value, str) for value in identity.values())

@@ -1,0 +1,45 @@
+"""The contract of a force sensor, on the one that [force_sensor] of a rig file names with a file of its own, and on its twin."""
+
+import numpy as np
+import pytest
+
+from rfca_rig.clock import TwinClock
+from rfca_rig.contracts.force_sensor import ForceSensorContract
+from rfca_rig.contracts.force_sensor_rig import ForceSensorRig, constant
+from rfca_rig.contracts.noisy_port import NoisyPort
+from rfca_rig.description.force_sensor_sections import ForceSensorKeys
+from rfca_rig.description.own_devices import twin_of
+from rfca_rig.description.rig_file import RigFile
+from rfca_rig.drivers.record_stream import RecordStream
+from rfca_rig.twins.serial_line import serial_line
+
+LATENCY_S = 0.02
+LOST_S = 0.05  # of records, in one piece
+OF_RANGE = 2e-7  # what a value of single precision is known to
+
+
+class TestOurForceSensor(ForceSensorContract):
+    """Noise off, a wrench of the test's own choosing."""
+
+    @pytest.fixture
+    def rig(self, described: RigFile) -> ForceSensorRig:
+        assert isinstance(described.force_sensor, ForceSensorKeys), "[force_sensor] is not of a file of its own"
+        keys, clock, (host, device) = described.force_sensor, TwinClock(), serial_line()
+        port = NoisyPort(host)
+        sensor, twin = keys.driver(port, clock), twin_of(keys)(device, keys, (0.0,) * 6, np.random.default_rng(1))
+        record_bytes = sensor.record_bytes if isinstance(sensor, RecordStream) else 64
+        made = ForceSensorRig(
+            clock=clock,
+            sensor=sensor,
+            twin=twin,
+            rate_Hz=keys.rate_Hz,
+            latency_s=LATENCY_S,
+            resolution=0.5001 / np.repeat([keys.counts_per_N, keys.counts_per_Nm], 3) + OF_RANGE * np.array(twin.full_scale),
+            saturating=(0.0, 0.0, 1.5 * twin.full_scale[2], 0.0, 0.0, 0.0),
+            silence=lambda: setattr(port, "silent", True),
+            lose=lambda: setattr(port, "drop", max(20, round(LOST_S * keys.rate_Hz)) * record_bytes),
+            damage=lambda: setattr(port, "spoil", 5 * record_bytes + 3),
+            freeze=lambda: setattr(made, "wrench", constant(1.0, 2.0, 3.0, 0.1, 0.2, 0.3)),
+            time_step_s=2e-6,
+        )
+        return made

@@ -1,0 +1,45 @@
+"""The contract of a motor, on the drive that [motor] of a rig file names with a file of its own, and on its twin."""
+
+from typing import Any
+
+import can
+import pytest
+
+from rfca_rig.clock import Clock
+from rfca_rig.contracts.motor import MotorContract
+from rfca_rig.description.motor_sections import MotorKeys
+from rfca_rig.description.own_devices import twin_of
+from rfca_rig.description.rig_file import RigFile
+from rfca_rig.drivers.roles import ShaftMotor
+from rfca_rig.twins.speed_loop import LoopGains
+
+SILENT_S = 0.3
+
+
+class TestOurMotor(MotorContract):
+    """A twin may say in `tolerances` by how much its wire is coarser than most."""
+
+    @pytest.fixture(autouse=True)
+    def _of_the_rig_file(self, described: RigFile) -> None:
+        assert isinstance(described.motor, MotorKeys), "[motor] is not of a file of its own"
+        self.keys = described.motor
+        made = twin_of(self.keys)
+        self.TELLS_TEMPERATURE = getattr(made, "tells_temperature", False)
+        for name, value in getattr(made, "tolerances", {}).items():
+            setattr(self, name, value)
+
+    def driver(self, bus: can.BusABC, clock: Clock) -> ShaftMotor:
+        return self.keys.driver(bus, clock, SILENT_S)
+
+    def twin(self, bus: can.BusABC, watchdog_s: float | None) -> Any:
+        return twin_of(self.keys)(bus, self.keys, LoopGains(), watchdog_s)
+
+    def leave_stale_set_point(self, bus: can.BusABC) -> None:
+        for message in self.twin(bus, None).stale_set_point():
+            bus.send(message)
+
+    def fail(self, twin: Any) -> str:
+        return str(twin.fail())
+
+    def refuse(self, twin: Any) -> str:
+        return str(twin.refuse())

@@ -1,0 +1,47 @@
+"""A cluster file: what to ask of SLURM for workers, and what a worker needs before it can start."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from rfca_rig.crew.slurm import JobArray
+from rfca_rig.description.sections import Section
+from rfca_rig.description.toml import read_toml
+
+Word = Annotated[str, Field(pattern=r"^[^\s,;]+$")]
+Line = Annotated[str, Field(pattern=r"^[^\n]+$")]
+
+
+class ClusterFile(Section):
+    """`jobs` of `workers_per_job` workers each; a worker is a process of one thread, with a core and so much memory to itself."""
+
+    scheduler: Literal["slurm"]
+    jobs: Annotated[int, Field(ge=1, le=100_000)]
+    workers_per_job: Annotated[int, Field(ge=1, le=1024)] = 1
+    memory_per_worker_MB: Annotated[int, Field(ge=500, le=1_000_000)] = 2000
+    time: Annotated[str, Field(pattern=r"^(\d+|\d+:\d\d|\d+:\d\d:\d\d|\d+-\d+(:\d\d){0,2})$")]
+    partition: Word | None = None
+    account: Word | None = None
+    setup: Annotated[tuple[Line, ...], Field(strict=False)] = ()
+    options: Annotated[tuple[Annotated[str, Field(pattern=r"^--[^\n]+$")], ...], Field(strict=False)] = ()
+    python: Line = sys.executable
+    interface: Word | None = None
+
+
+def read_cluster_file(path: Path) -> JobArray:
+    """Raises BadInput with file, line and key."""
+    file = read_toml(path, ClusterFile)
+    return JobArray(
+        jobs=file.jobs,
+        workers_per_job=file.workers_per_job,
+        memory_per_worker_MB=file.memory_per_worker_MB,
+        time=file.time,
+        partition=file.partition,
+        account=file.account,
+        setup=file.setup,
+        options=file.options,
+        python=file.python,
+        interface=file.interface,
+    )

@@ -1,0 +1,103 @@
+"""Devices of a lab's own: their files are loaded already; are they there, and do they say what their drivers understand."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TypeVar
+
+import can
+import numpy as np
+
+from rfca_rig.clock import Clock
+from rfca_rig.description.force_sensor_sections import ForceSensorKeys
+from rfca_rig.description.motor_sections import MotorKeys
+from rfca_rig.doctor.finding import Finding, green, red, yellow
+from rfca_rig.doctor.looking.can_bus import one_line
+from rfca_rig.drivers.roles import ForceSensor, ShaftMotor
+from rfca_rig.drivers.serial_port import SerialPort
+from rfca_rig.errors import RigError
+
+LISTEN_S = 1.5
+POLL_S = 5e-3
+SILENT_S = 0.5
+DRIVE, SENSOR = "drive", "force sensor"
+NEXT = "try the driver without the device first:"
+
+
+Way = TypeVar("Way", can.BusABC, SerialPort)
+
+
+def check_own_motor(keys: MotorKeys, clock: Clock) -> Iterator[Finding]:
+    """Only listens, or asks for reports where the drive makes none by itself."""
+    yield green("driver", f"{Path(keys.file).name} is loaded, its keys in [motor] are right")
+    bus = _opened(keys.open, f"CAN bus {keys.interface} {keys.channel}", "[motor]")
+    if isinstance(bus, Finding):
+        yield bus
+        return
+    with bus:
+        yield judge_own_motor(keys.driver(bus, clock, SILENT_S), clock)
+
+
+def judge_own_motor(motor: ShaftMotor, clock: Clock) -> Finding:
+    """What its driver makes of a second and a half."""
+    began_s, reports, last_rad = clock.now_s(), 0, 0.0
+    try:
+        for _ in _watched(clock):
+            shaft = motor.read()
+            reports += len(shaft.angle_rad)
+            last_rad = float(shaft.angle_rad[-1]) if len(shaft.angle_rad) else last_rad
+    except RigError as error:
+        return red(DRIVE, str(error), NEXT, "rfca-rig contract YOUR-RIG.toml")
+    status = motor.status()
+    if not reports:
+        fix = "check its power and the wiring; a drive that reports only once it is told to is told when the motor is energised"
+        return yellow(DRIVE, f"no report of the shaft within {LISTEN_S:g} s", fix)
+    said = f"{reports / (clock.now_s() - began_s):.0f} reports/s, shaft at {np.degrees(last_rad):.1f} deg, {status.state}"
+    if status.fault is not None:
+        return red(DRIVE, f"{said}: {status.fault}", "see the drive's manual for this error")
+    return green(DRIVE, said)
+
+
+def check_own_sensor(keys: ForceSensorKeys, clock: Clock) -> Iterator[Finding]:
+    """Streams for a second and a half, and ends the stream."""
+    yield green("driver", f"{Path(keys.file).name} is loaded, its keys in [force_sensor] are right")
+    port = _opened(keys.open, keys.port, "[force_sensor]")
+    if isinstance(port, Finding):
+        yield port
+        return
+    try:
+        yield judge_own_sensor(keys.driver(port, clock), clock)
+    finally:
+        port.close()
+
+
+def judge_own_sensor(sensor: ForceSensor, clock: Clock) -> Finding:
+    """What its driver makes of a second and a half."""
+    try:
+        sensor.start()
+        began_s = clock.now_s()
+        for _ in _watched(clock):
+            sensor.read()
+        sensor.stop()
+    except RigError as error:
+        return red(SENSOR, str(error), NEXT, "rfca-rig contract YOUR-RIG.toml")
+    health = sensor.health()
+    said = f"{health.received / (clock.now_s() - began_s):.0f} records/s, {health.lost} lost, {health.malformed} pieces of the stream no records"
+    if not health.received:
+        return red(SENSOR, f"no record within {LISTEN_S:g} s", "check its power, the cable, and port and bits_per_s under [force_sensor]")
+    if health.notes:
+        return yellow(SENSOR, f"{said}: {health.notes[0]}", "look at the sensor and its cable before a run")
+    return green(SENSOR, said)
+
+
+def _opened(way: Callable[[], Way], name: str, table: str) -> Way | Finding:
+    try:
+        return way()
+    except Exception as error:  # a lab's own `open`, and python-can's interfaces, raise all sorts
+        return red("wire", f"{name} cannot be opened: {type(error).__name__}: {one_line(error)}", f"check {table} in the rig file")
+
+
+def _watched(clock: Clock) -> Iterator[None]:
+    until_s = clock.now_s() + LISTEN_S
+    while clock.now_s() < until_s:
+        clock.wait_until(clock.now_s() + POLL_S)
+        yield

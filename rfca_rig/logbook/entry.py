@@ -1,0 +1,66 @@
+"""One run as the logbook lists it."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+KINDS = ("dynamic", "static", "fatigue", "imported")
+ENDINGS = ("done", "stopped", "tripped", "worn out", "failed", "interrupted", "unfinished", "damaged")
+SOURCES = ("SIM", "REAL", "IMPORT")
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Where something was recorded: height of the shaft and, of strokes and cycles, its speed."""
+
+    height_mm: float
+    speed_rad_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a diagnosis said of it: the verdict, the effects it names, how sure the surest is, and its file."""
+
+    words: str
+    effects: tuple[str, ...] = ()
+    probability: float | None = None
+    file: str = ""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """`folder` is the path from the folder of all runs. `began_s` is in seconds since 1970.
+
+    `ended` is one of ENDINGS, "" where nobody can know, as of an imported recording; `code` that of a trip. `why` are the words of the end,
+    or of the damage. "interrupted" is one that was cut off and recovered, "unfinished" one that goes on, or was cut off.
+    """
+
+    folder: str
+    title: str
+    source: str
+    kind: str
+    began_s: float
+    operator: str = ""
+    sample: str = ""
+    conditions: tuple[Condition, ...] = ()
+    strokes: int = 0
+    static_stages: int = 0
+    cycles: int = 0
+    ended: str = ""
+    code: str = ""
+    why: str = ""
+    identity: str = ""
+    verdict: Verdict | None = None
+
+    def plain(self) -> dict[str, Any]:
+        """In JSON's own types."""
+        return asdict(self)
+
+    def with_verdict(self, verdict: Verdict | None) -> "Entry":
+        return replace(self, verdict=verdict)
+
+
+def entry_of(said: Mapping[str, Any]) -> Entry:
+    """The entry of which `plain` gave that, without a verdict. Raises TypeError or LookupError for anything else."""
+    conditions = tuple(Condition(**one) for one in said["conditions"])
+    return Entry(**{**said, "conditions": conditions, "verdict": None})

@@ -1,0 +1,66 @@
+"""Finds the folders of runs, and says cheaply whether one is as it was."""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING
+
+TELLING = (HEADER, ENDING, EVENTS, RECORDING)
+DIAGNOSIS = "diagnosis.json"
+DEEPEST = 6  # folders of folders of runs
+
+
+@dataclass(frozen=True)
+class Found:
+    """A run's folder, as a path from the folder of all runs, and what changes whenever one of its files does.
+
+    `diagnoses` are the files in it that a diagnosis may be in.
+    """
+
+    folder: str
+    stamp: str
+    diagnoses: tuple[str, ...] = ()
+
+
+def runs_below(runs: Path) -> Iterator[Found]:
+    """Every folder that holds a run, however deep; what lies within a run is not looked at."""
+    yield from _below(str(runs), "", DEEPEST)
+
+
+def _below(runs: str, folder: str, deeper: int) -> Iterator[Found]:
+    try:
+        with os.scandir(os.path.join(runs, folder)) as listing:  # noqa: PTH118  (thousands of folders: paths as objects take as long again)
+            inside = list(listing)
+    except OSError:  # taken away meanwhile, or not ours to read
+        return
+    files = {one.name: one for one in inside if one.name in TELLING}
+    if HEADER in files or RECORDING in files:
+        yield Found(folder or ".", "|".join(_stamp(files[name]) for name in TELLING if name in files), tuple(_diagnoses(inside)))
+        return
+    for one in inside:
+        if deeper and not one.name.startswith(".") and one.is_dir() and not _leads_back(one):
+            yield from _below(runs, f"{folder}/{one.name}" if folder else one.name, deeper - 1)
+
+
+def _leads_back(one: "os.DirEntry[str]") -> bool:
+    """A link to a folder that it lies in would show every run again and again."""
+    return one.is_symlink() and Path(one.path).parent.resolve().is_relative_to(Path(one.path).resolve())
+
+
+def _diagnoses(inside: "list[os.DirEntry[str]]") -> Iterator[str]:
+    for one in inside:
+        if one.name == DIAGNOSIS:
+            yield one.path
+        elif one.name.startswith("diag") and one.is_dir():
+            yield f"{one.path}/{DIAGNOSIS}"
+
+
+def _stamp(file: "os.DirEntry[str]") -> str:
+    """A file that was put in another's place has another inode, be it as old and as large."""
+    try:
+        seen = file.stat()
+    except OSError:
+        return f"{file.name}:gone"
+    return f"{file.name}:{seen.st_mtime_ns}:{seen.st_size}:{seen.st_ino}"

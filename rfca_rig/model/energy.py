@@ -1,0 +1,40 @@
+"""Mechanical energy of the chain: what a stroke stores and gives back. Symbols as in `state`."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.model.state import Chain
+
+Floats = NDArray[np.float64]
+
+
+def mechanical_energy_J(chain: Chain, q_rad: Floats, w_rad_s: Floats) -> Floats:
+    """Kinetic energy, height, springs and the pressed floor, (m,), for angles and speeds (m, n).
+
+    What effects store beside these (a yielding frame, a second spring) is not in it; neither is the stretch of sticking contacts, a few mJ.
+    """
+    return kinetic_J(chain, q_rad, w_rad_s) + height_J(chain, q_rad) + springs_J(chain, q_rad) + floor_J(chain, q_rad)
+
+
+def kinetic_J(chain: Chain, q_rad: Floats, w_rad_s: Floats) -> Floats:
+    """w M(q) w / 2 with M_ij = c_ij cos(q_i - q_j), as in `forces`."""
+    cos, sin = w_rad_s * np.cos(q_rad), w_rad_s * np.sin(q_rad)
+    return np.asarray(0.5 * (np.einsum("mi,ij,mj->m", cos, chain.moment, cos) + np.einsum("mi,ij,mj->m", sin, chain.moment, sin)))
+
+
+def height_J(chain: Chain, q_rad: Floats) -> Floats:
+    """Zero with all links level."""
+    return np.asarray(-(chain.gravity * np.sin(q_rad) + chain.gravity_along * np.cos(q_rad)) @ chain.first_moment)
+
+
+def springs_J(chain: Chain, q_rad: Floats) -> Floats:
+    """k0 phi^2 / 2 + k0 k2 phi^4 / 4 of every hinge."""
+    phi2 = np.diff(q_rad, axis=1) ** 2
+    return np.asarray((phi2 * (0.5 + 0.25 * chain.k2[1:] * phi2)) @ chain.k0[1:])
+
+
+def floor_J(chain: Chain, q_rad: Floats) -> Floats:
+    """Hertz, 2/5 stiffness depth^2.5 under every link end."""
+    across = np.sin(q_rad) * chain.floor_cos - np.cos(q_rad) * chain.floor_sin
+    depth = np.cumsum(chain.length * across, axis=1) + chain.radius - chain.ground_depth * chain.floor_cos
+    return np.asarray(0.4 * chain.contact_stiffness * (np.maximum(depth, 0.0) ** 2.5).sum(axis=1))

@@ -1,0 +1,85 @@
+"""The same leg cut into other links: total length, mass distribution and strip are kept.
+
+The strip bends everywhere between the shells; a hinge spring stands for the bending of one stretch of it, its cell, from the middle of
+one link to the middle of the next. Where the moment in a cell of length p is M, the strip there turns by p kappa(M), and that is the
+hinge's angle phi. So torque over angle of a hinge is the strip's moment over curvature, M(kappa) = T(p kappa), and a strip cut into cells
+of length p / m has
+
+    T'(phi) = M(m phi / p) = T(m phi):     k0' = m k0,   k2' = m^2 k2,   c' = m c
+
+m such springs in series, each turning by phi / m, carry the torque of one that turns by phi: the series of springs. With ever more links
+the leg becomes a beam of bending stiffness k0 p with rigid ends, and differs from it by terms in p^2.
+
+Over what length the strip bends is taken from the leg itself: its hinges' cells, those at the ends reaching as far outwards as inwards.
+That stretch stays where it is in the leg, and is shared out equally among the new hinges. What effects have per hinge stays as it is.
+The other reading, that each pin bends a free length of its own, is k0 left as it is; the paper does not tell which is true.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.errors import BadInput
+from rfca_rig.model.parameters import Leg
+
+Floats = NDArray[np.float64]
+
+MOST_LINKS = 60
+
+
+def cell_m(leg: Leg) -> float:
+    """The mean length of strip that one hinge stands for. Raises BadInput for a leg of two links, which does not tell."""
+    borders = _cells_m(leg)[::2]
+    return float((borders[-1] - borders[0]) / (len(leg.link_lengths_m) - 1))
+
+
+def with_links(leg: Leg, count: int) -> Leg:
+    """The leg with `count` links. Raises BadInput below 2 and above 60, and for a leg that has two itself."""
+    hinges, wanted = len(leg.link_lengths_m) - 1, count - 1
+    if wanted == hinges:
+        return leg
+    if not 2 <= count <= MOST_LINKS:
+        raise BadInput(f"a leg of {count} links: it takes 2 to {MOST_LINKS}")
+    cells = _cells_m(leg)
+    middles = (np.arange(wanted) + 0.5) * hinges / wanted
+    pins = np.interp(middles, 0.5 * np.arange(cells.size), cells)
+    return _recut(leg, np.diff(np.concatenate(([0.0], pins, [sum(leg.link_lengths_m)]))), wanted / hinges)
+
+
+def with_first_link(leg: Leg, first_m: float) -> Leg:
+    """The leg with a first link of that length, the others sharing the rest in their old proportion. Raises BadInput where none is left."""
+    first, rest = leg.link_lengths_m[0], sum(leg.link_lengths_m[1:])
+    if not 0.0 < first_m < first + rest:
+        raise BadInput(f"a first link of {1e3 * first_m:g} mm: it must be above 0 and below the leg's length, {1e3 * (first + rest):g} mm")
+    if first_m == first:
+        return leg
+    shrunk = (first + rest - first_m) / rest
+    return _recut(leg, np.array([first_m, *(shrunk * length for length in leg.link_lengths_m[1:])]), 1.0 / shrunk)
+
+
+def _cells_m(leg: Leg) -> Floats:
+    """(2 h + 1,) borders of the hinges' cells and the pins between them, in turn, from the shaft."""
+    if len(leg.link_lengths_m) < 3:
+        raise BadInput("a leg of two links does not tell over what length its strip bends; begin from one of three or more")
+    borders = np.cumsum((0.0, *leg.link_lengths_m))
+    pins = borders[1:-1]
+    between = 0.5 * (pins[:-1] + pins[1:])
+    begin, end = max(2.0 * pins[0] - between[0], 0.0), min(2.0 * pins[-1] - between[-1], borders[-1])
+    cells = np.empty(2 * pins.size + 1)
+    cells[1::2], cells[::2] = pins, np.concatenate(([begin], between, [end]))
+    return cells
+
+
+def _recut(leg: Leg, lengths_m: Floats, m: float) -> Leg:
+    """Other links with the same mass in the same places, and springs for `m` times as many cells in a length."""
+    old, new = np.cumsum((0.0, *leg.link_lengths_m)), np.concatenate(([0.0], np.cumsum(lengths_m)))
+    masses = np.diff(np.interp(new, old, np.cumsum((0.0, *leg.link_masses_kg))))
+    return replace(
+        leg,
+        link_lengths_m=tuple(map(float, lengths_m)),
+        link_masses_kg=tuple(map(float, masses)),
+        k0_Nm_per_rad=m * leg.k0_Nm_per_rad,
+        k2_per_rad2=m**2 * leg.k2_per_rad2,
+        hinge_damping_Nm_s_per_rad=m * leg.hinge_damping_Nm_s_per_rad,
+    )

@@ -1,0 +1,22 @@
+"""What a file of a lab's own devices imports: docs/add-a-motor.md, docs/add-a-force-sensor.md."""
+
+from rfca_rig.description.force_sensor_sections import ForceSensorKeys
+from rfca_rig.description.motor_sections import MotorKeys
+from rfca_rig.description.sections import NotNegative, Positive
+from rfca_rig.drivers.record_stream import Record, RecordStream
+from rfca_rig.drivers.speed_drive import Report, SpeedDrive
+from rfca_rig.twins.record_stream import RecordStreamTwin
+from rfca_rig.twins.speed_drive import SpeedDriveTwin
+
+__all__ = [
+    "ForceSensorKeys",
+    "MotorKeys",
+    "NotNegative",
+    "Positive",
+    "Record",
+    "RecordStream",
+    "RecordStreamTwin",
+    "Report",
+    "SpeedDrive",
+    "SpeedDriveTwin",
+]

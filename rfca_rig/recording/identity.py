@@ -1,0 +1,16 @@
+"""What tells one recording from all others, wherever its files lie and whatever they are called."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+
+DIGITS = 32
+
+
+def identity_of(title: str, source: str, provenance: Mapping[str, str]) -> str:
+    """32 hexadecimal digits. The provenance holds the SHA-256 of what was recorded, so that different recordings differ.
+
+    A run that goes on, or is recovered, is another recording than it was.
+    """
+    text = json.dumps([title, source, dict(provenance)], sort_keys=True, ensure_ascii=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]

@@ -1,0 +1,119 @@
+"""What a diagnosis found, as tables: parameters with intervals, before and after, rivals, what was ruled out and at what size."""
+
+from collections.abc import Mapping
+from math import isfinite
+
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Value
+from rfca_rig.report.diagnosis_wording import STDS_90, meaning
+from rfca_rig.report.named_units import words_and_unit
+from rfca_rig.report.table import Column, Row, Table, places
+from rfca_rig.report.table import Value as Shown
+
+MOST_PLACES = 4
+ALL_DATA, FORETOLD = "all data", "foretold from the others"
+
+PARAMETERS = (
+    Column("effect", "Effect"),
+    Column("parameter", "Parameter"),
+    Column("value", "Value", half="half_90"),
+    Column("unit", "Unit"),
+    Column("std", role="kept"),
+    Column("low_90", role="kept"),
+    Column("high_90", role="kept"),
+    Column("probability", role="kept"),
+)
+
+
+def parameters_table(diagnosis: Diagnosis) -> Table:
+    """Of every effect that was named, or is likeliest without being claimed."""
+    claim = "What the model lacks" if diagnosis.verdict == "named" else "Likeliest of the catalogue, not claimed"
+    rows = tuple(
+        Row({"effect": effect.id.replace("_", " "), "probability": effect.probability, **_measured(name, value)})
+        for effect in diagnosis.effects
+        for name, value in effect.parameters.items()
+    )
+    return Table("parameters", f"{claim}: values ± half of a 90 % interval.", PARAMETERS, rows)
+
+
+def believed_table(diagnosis: Diagnosis) -> Table:
+    """What was believed, as the recordings leave it."""
+    columns = (Column("parameter", "Believed value"), *PARAMETERS[2:7])
+    rows = tuple(Row(_measured(name, value)) for name, value in diagnosis.believed_values.items())
+    return Table("believed", "As the recordings leave them, ± half of a 90 % interval.", columns, rows)
+
+
+def _measured(name: str, value: Value) -> dict[str, Shown]:
+    words, unit = words_and_unit(name)
+    half = STDS_90 * value.std
+    said: dict[str, Shown] = {"parameter": words, "value": value.value, "unit": unit}
+    if not (isfinite(half) and half > 0.0):
+        return said
+    return {**said, "half_90": half, "std": value.std, "low_90": value.value - half, "high_90": value.value + half}
+
+
+def before_after_table(diagnosis: Diagnosis) -> Table:
+    """The forces signal by signal, then Table II's valley; what was held out beside what was fitted."""
+    names = dict.fromkeys([*diagnosis.fit, *(name.removeprefix("held_out_") for name in diagnosis.held_out)])
+    rows = [_row("signals", name, diagnosis.fit.get(name), diagnosis.held_out.get(f"held_out_{name}")) for name in names]
+    rows += [_row("Table II", name, each) for name, each in diagnosis.valley.items()]
+    held_out = (
+        (Column("held_out_before", "before", over=FORETOLD), Column("held_out_after", "after", over=FORETOLD)) if diagnosis.held_out else ()
+    )
+    columns = (
+        Column("of", role="group"),
+        Column("difference", "Difference, rms"),
+        Column("unit", "Unit"),
+        Column("before", over=ALL_DATA),
+        Column("after", over=ALL_DATA),
+        *held_out,
+        Column("noise_floor", "Noise floor"),
+    )
+    caption = (
+        "Measured less simulated, means over the repeats of each condition, rms over all of them. Before: the model as it was believed; "
+        "after: the model that this diagnosis arrives at."
+    )
+    foretold = " Foretold: each condition left out in turn and computed from a fit to the others."
+    return Table("before-after", caption + (foretold if diagnosis.held_out else ""), columns, tuple(rows))
+
+
+def _row(of: str, name: str, fit: BeforeAfter | None, held_out: BeforeAfter | None = None) -> Row:
+    """All of one line with as many places as the smallest needs for two digits."""
+    floors = [each.noise_floor for each in (fit, held_out) if each is not None and each.noise_floor is not None]
+    numbers = {
+        "before": fit.before if fit else None,
+        "after": fit.after if fit else None,
+        "noise_floor": floors[0] if floors else None,
+        "held_out_before": held_out.before if held_out else None,
+        "held_out_after": held_out.after if held_out else None,
+    }
+    words, unit = words_and_unit(name.removeprefix("rms_"))
+    digits = max((places(number, 2) for number in numbers.values() if number is not None), default=0)
+    return Row({"of": of, "difference": words, "unit": unit, **numbers}, digits=min(max(digits, 1), MOST_PLACES))
+
+
+def ruled_out_table(diagnosis: Diagnosis) -> Table:
+    """Looked for and not found, with the size from which on each would have been seen; those without could not have been."""
+    rows = [
+        Row({"effect": one.id.replace("_", " "), "means": meaning(one.id), **size})
+        for one in diagnosis.not_seen
+        for size in _sizes(one.would_have_seen)
+    ]
+    columns = (
+        Column("effect", "Effect"),
+        Column("means", role="kept"),
+        Column("parameter", "Seen from"),
+        Column("size", "Size", set_value=True),
+        Column("unit", "Unit"),
+    )
+    caption = (
+        "Effects looked for and not found, with the size from which on they would have been seen in these data; without a size: "
+        "not tested by them."
+    )
+    return Table("ruled-out", caption, columns, tuple(rows))
+
+
+def _sizes(would_have_seen: Mapping[str, float] | None) -> list[dict[str, Shown]]:
+    if not would_have_seen:
+        return [{}]
+    named = ((*words_and_unit(name), size) for name, size in would_have_seen.items())
+    return [{"parameter": words, "size": float(f"{size:.3g}"), "unit": unit} for words, unit, size in named]

@@ -1,0 +1,59 @@
+"""An exam as tables: the bars, what came of the next experiments, and who was called what."""
+
+from collections.abc import Sequence
+from math import isfinite
+
+from rfca_rig.exam.bars import Bar
+from rfca_rig.exam.follow_up import Way
+from rfca_rig.exam.marked import MarkedCase
+from rfca_rig.report.exam_matrix import matrix_of
+from rfca_rig.report.table import Column, Row, Table, Value
+
+PASSED = {True: "passed", False: "failed", None: "no case"}
+
+
+def bars_table(all_bars: Sequence[Bar]) -> Table:
+    """Each bar with its goal, what was reached, the counts, and how bad it may still be with 95 % confidence."""
+    rows = tuple(Row(_bar(bar), marked=bar.passed is False) for bar in all_bars)
+    columns = (
+        Column("mark", "Mark"),
+        Column("goal", "Goal"),
+        Column("reached", "Reached", set_value=True),
+        Column("counts", "Counts"),
+        Column("bound_95", "With 95 % confidence", set_value=True),
+        Column("passed", "Passed"),
+    )
+    return Table("bars", "Shares of cases; the last bound is how bad the share may still be on cases that were not drawn.", columns, rows)
+
+
+def _bar(bar: Bar) -> dict[str, Value]:
+    goal = " and ".join(f"{word} {limit:g}" for word, limit in (("at least", bar.at_least), ("at most", bar.at_most)) if limit is not None)
+    reached = float(f"{bar.value:.4g}") if isfinite(bar.value) else None
+    bound = None if bar.bound is None else float(f"{bar.bound:.3g}")
+    return {"mark": bar.name, "goal": goal, "reached": reached, "counts": bar.counted, "bound_95": bound, "passed": PASSED[bar.passed]}
+
+
+def ways_table(ways: Sequence[Way]) -> Table:
+    """Experiments that were proposed in open cases, against others."""
+    rows = tuple(Row({"arm": way.arm, "settled": f"{way.settled} of {way.of}", "experiments": way.experiments}) for way in ways)
+    columns = (Column("arm", "Next experiments"), Column("settled", "Settled"), Column("experiments", "Experiments on average", digits=2))
+    caption = (
+        "Cases of too few recordings that conceal nothing or something that can be seen. Settled: the right verdict with nothing as likely "
+        "beside it, within four experiments; four are counted where it was not."
+    )
+    return Table("next-experiments", caption, columns, rows)
+
+
+def confusion_table(marked: Sequence[MarkedCase]) -> Table:
+    """What is concealed against what was named; numbers of cases, none where nobody was."""
+    matrix = matrix_of(marked)
+    names = (*matrix.names, *matrix.verdicts)
+    columns = tuple(Column(name.replace(" ", "_"), name.replace("_", " "), upright=True) for name in names)
+    rows = tuple(
+        Row({"kind": kind, "concealed": row.concealed.replace("_", " "),
+             **{column.key: cell.count if cell else None for column, cell in zip(columns, row.cells, strict=True)}})
+        for kind, of_kind in matrix.kinds
+        for row in of_kind
+    )  # fmt: skip
+    caption = "Numbers of cases: rows are what is concealed, columns what was named, the last of them answers without a name."
+    return Table("confusion", caption, (Column("kind", role="group"), Column("concealed", "Concealed"), *columns), rows)

@@ -1,0 +1,135 @@
+"""run.html: how a run went, one self-contained page."""
+
+from collections.abc import Mapping, Sequence
+
+from rfca_rig.report import run_pictures
+from rfca_rig.report.origin import Told
+from rfca_rig.report.run_health import devices, health, provenance
+from rfca_rig.report.run_parts import RunStory
+from rfca_rig.report.run_tables import MOST_ROWS, checks_table, clocks_table, done_table, events_table, stages_table
+from rfca_rig.report.table import Table
+from rfca_rig.report.templates import template
+from rfca_rig.report.wording import counted, unbroken
+
+DONE = "done"
+LIMIT_WORDS = (
+    ("force_N", "force", "N", 1.0),
+    ("torque_Nm", "moment", "N m", 1.0),
+    ("speed_rad_s", "speed of the shaft", "rad/s", 1.0),
+    ("following_error_rad", "following error", "rad", 1.0),
+    ("above_expected", "load over the expected", "times", 1.0),
+    ("above_expected_s", "such a load for", "ms", 1e3),
+    ("temperature_C", "temperature of the drive", "°C", 1.0),
+    ("sensor_silent_s", "sensor silent for", "ms", 1e3),
+    ("drive_silent_s", "drive silent for", "ms", 1e3),
+    ("late_s", "control loop late by", "ms", 1e3),
+)
+
+
+def page(story: RunStory, tables: Sequence[Table], told: Told, files: Sequence[str]) -> str:
+    """The page as HTML; `tables` are those of `run_tables_of`."""
+    recording, kept = story.recording, story.recording.provenance
+    stages, done, checks = tables
+    shown = run_pictures.traced(story.parts)
+    return template("run.html").render(
+        sheets=("verdict.css",),
+        origin=told.origin,
+        links=told.links,
+        files=files,
+        title=recording.title,
+        mark=recording.source,
+        stamp=_stamp(story),
+        sentence=_sentence(story),
+        loads=_loads_sentence(story),
+        share=_share(story, done),
+        done=done,
+        limits=_limits(story),
+        health=[(name, unbroken(text)) for name, text in health(story)],
+        stages=_few(stages),
+        stages_file=next((name for name in files if name.endswith("-stages.csv")), ""),
+        left_out=max(len(stages.rows) - MOST_ROWS, 0),
+        traces=run_pictures.traces(shown, story.rig) if shown else "",
+        traced=_traced(len(shown), sum(part.trace is not None for part in story.parts)),
+        static=run_pictures.static_forces(recording.static) if recording.static else "",
+        cycles=run_pictures.over_cycles(story) if run_pictures.has_cycles(recording) else "",
+        cycle_count=counted(sum(part.count for part in story.parts if part.label.startswith("cycles ")), "cycle"),
+        checks=checks,
+        check_picture=run_pictures.over_checks(checks) if checks.rows else "",
+        clocks=clocks_table(recording),
+        events=events_table(story.events),
+        devices=devices(kept),
+        provenance=provenance(kept),
+    )
+
+
+def tables_of(story: RunStory) -> tuple[Table, Table, Table]:
+    """Those that are also written as CSV and LaTeX: stages, conditions, stiffness checks."""
+    return stages_table(story), done_table(story), checks_table(story)
+
+
+def _limits(story: RunStory) -> list[tuple[str, str]]:
+    """Those that changed when the run went on with both values."""
+    said = []
+    for key, words, unit, factor in LIMIT_WORDS:
+        if key in story.limits:
+            first, last = (f"{factor * limits[key]:.4g} {unit}" for limits in (story.limits, story.last_limits))
+            said.append((words, first if first == last else f"{first}, later {last}"))
+    return said
+
+
+def _few(stages: Table) -> Table:
+    """The first rows, and all that were cut short."""
+    rows = tuple(row for place, row in enumerate(stages.rows) if place < MOST_ROWS or row.marked)
+    return Table(stages.name, stages.caption, stages.columns, rows)
+
+
+def _stamp(story: RunStory) -> tuple[str, str]:
+    """(how it looks, what it says): done, a trip's code, stopped, imported."""
+    kept: Mapping[str, str] = story.recording.provenance
+    reason = kept.get("reason", "")
+    if story.recording.source == "IMPORT":
+        return "not", "imported"
+    if reason == DONE:
+        return "named", DONE
+    if kept.get("ended", "").startswith("TRIP"):
+        return "unexplained", f"tripped {reason}"
+    return "unexplained", reason.replace("-", " ") or "not ended"
+
+
+def _sentence(story: RunStory) -> str:
+    kept = story.recording.provenance
+    ended, interrupted = kept.get("ended", ""), kept.get("interrupted", "")
+    if story.recording.source == "IMPORT":
+        return "Recorded elsewhere: what was not imported is not told here."
+    if ended == DONE:
+        return "The whole plan was carried out."
+    if not ended:
+        return unbroken(f"{interrupted[:1].upper()}{interrupted[1:]}." if interrupted else "The run was never brought to its end.")
+    return unbroken(f"The run ended before its plan did: {ended}.")
+
+
+def _share(story: RunStory, done: Table) -> dict[str, str] | None:
+    """How much of the plan was done."""
+    planned = sum(int(str(row.values["planned"])) for row in done.rows if row.values.get("planned") is not None)
+    if not planned:
+        return None
+    count = sum(int(str(row.values["done"])) for row in done.rows)
+    words = {"dynamic": "strokes", "static": "static stages", "fatigue": "cycles and stages"}
+    return {"count": f"{count} of {planned}", "of": f"{words[story.plan.experiment] if story.plan else 'parts'} recorded"}
+
+
+def _loads_sentence(story: RunStory) -> str:
+    peaks = [(part.peak, part) for part in story.parts if part.peak is not None]
+    if not peaks:
+        return "No force was recorded."
+    peak, part = max(peaks, key=lambda each: each[0].force_N)
+    limit, expected = part.begun.limits.get("force_N") if part.begun else None, part.expected
+    said = f"The largest force was {peak.force_N:.1f} N, in {part.label}"
+    said += f", {100.0 * peak.force_N / limit:.0f} % of the limit of {limit:g} N" if limit else ""
+    said += f"; the model expected {expected.force_N:.1f} N there" if expected else ""
+    return unbroken(f"{said}.")
+
+
+def _traced(shown: int, of: int) -> str:
+    many = counted(shown, "stroke") if shown == of else f"{shown} of {of} strokes, evenly over the run"
+    return f"{many}, each measured once, on one scale. Expected: the model as it was believed, with the shaft as commanded."

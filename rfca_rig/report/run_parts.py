@@ -1,0 +1,239 @@
+"""A run part by part: every stroke, static stage and block of cycles that was recorded, with its peak, its limit, and what was expected."""
+
+import json
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.bench.expectation import expected_loads
+from rfca_rig.channels import WRENCH
+from rfca_rig.description.believed import believed_model
+from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.protocol.check import Load
+from rfca_rig.protocol.cycles import Cycles
+from rfca_rig.protocol.plan import Plan
+from rfca_rig.protocol.written_plan import plan_of
+from rfca_rig.recording.cycle_table import CYCLES
+from rfca_rig.recording.form import RawStage, Recording, StaticStage, Stream, Stroke
+
+Floats = NDArray[np.float64]
+Kind = Literal["stroke", "static stage", "cycles", "cut short"]
+
+SAMPLE_S = 1e-3
+LIMITS = "limits."  # as changes of the rig file are named
+
+
+@dataclass(frozen=True)
+class Trace:
+    """fz over the time from the commanded start, both (m,)."""
+
+    t_s: Floats
+    fz_N: Floats
+
+
+@dataclass(frozen=True)
+class Begun:
+    """When a part began: its place among the events, the rig's clock, and the limits in force then, by name."""
+
+    place: int
+    t_s: float
+    limits: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Part:
+    """One thing that was recorded; `ended` says why it was cut short, "" for a whole one. `begun` is None where no event tells.
+
+    `peak` is over the axes that were recorded; it and `expected` are None where nobody knows. `count` is of cycles, else 1.
+    """
+
+    kind: Kind
+    label: str
+    condition: str
+    begun: Begun | None
+    samples: int
+    peak: Load | None
+    expected: Load | None
+    ended: str = ""
+    count: int = 1
+    trace: Trace | None = None
+
+
+@dataclass(frozen=True)
+class RunStory:
+    """A recording as a run: its plan where it holds one, its events, its parts in their order.
+
+    `limits` are those it began with, by name, `last_limits` those it ended with: a run may go on with another rig file.
+    """
+
+    recording: Recording
+    plan: Plan | None
+    rig: RigModel | None
+    limits: Mapping[str, float]
+    last_limits: Mapping[str, float]
+    events: tuple[Mapping[str, Any], ...]
+    parts: tuple[Part, ...]
+
+
+def story_of(recording: Recording) -> RunStory:
+    """Whatever the recording holds of it; a plan of another version, or a belief that makes no model, are done without."""
+    plan, rig = _plan(recording), _rig(recording)
+    events = tuple(json.loads(line) for line in recording.provenance.get("events", "").splitlines())
+    limits = json.loads(recording.provenance.get("limits", "{}"))
+    begun, last_limits = _beginnings(events, limits)
+    parts = sorted(_parts(recording, _Expected(plan, rig), begun), key=lambda part: part.begun.place if part.begun else -1)
+    return RunStory(recording, plan, rig, limits, last_limits, events, tuple(parts))
+
+
+def _beginnings(events: Sequence[Mapping[str, Any]], limits: Mapping[str, float]) -> tuple[dict[str, list[Begun]], Mapping[str, float]]:
+    """Of each label, for a stage that was cut short may have been done again; and the limits in the end."""
+    begun: dict[str, list[Begun]] = defaultdict(list)
+    for place, event in enumerate(events):
+        if event["event"] == "stage begins":
+            begun[event["stage"]].append(Begun(place, event["t_s"], limits))
+        changed = {name.removeprefix(LIMITS): value for name, value in event.get("rig_changes", {}).items() if name.startswith(LIMITS)}
+        limits = {**limits, **{name: float(value) for name, value in changed.items() if name in limits}}
+    return begun, limits
+
+
+def _plan(recording: Recording) -> Plan | None:
+    try:
+        return plan_of(recording.title, recording.provenance)
+    except BadInput:
+        return None
+
+
+def _rig(recording: Recording) -> RigModel | None:
+    try:
+        return believed_model(recording.believed)
+    except BadInput:
+        return None
+
+
+class _Expected:
+    """What the believed model expects, by the labels of the plan's stages, else by condition."""
+
+    def __init__(self, plan: Plan | None, rig: RigModel | None) -> None:
+        self._rig = rig
+        self._by_label: dict[str, Load] = {}
+        self._by_condition: dict[tuple[float, float], Load | None] = {}
+        if plan is not None and rig is not None:
+            try:
+                loads = expected_loads(plan, rig)
+            except SimulationFailed:
+                return
+            self._by_label = {stage.label: load for stage, load in loads.items()}
+            self._by_label |= {_turning(stage.label): load for stage, load in loads.items() if isinstance(stage, Cycles)}
+
+    def of(self, label: str) -> Load | None:
+        """Cycles that were gone on with have other numbers than the plan's, and the same condition."""
+        return self._by_label.get(label, self._by_label.get(_turning(label)))
+
+    def of_stroke(self, label: str, stroke: Stroke) -> Load | None:
+        """Of a stroke that no plan foresaw, as long as it was recorded."""
+        if label in self._by_label:
+            return self._by_label[label]
+        condition = stroke.height_m, stroke.speed_rad_s
+        if condition not in self._by_condition:
+            self._by_condition[condition] = self._simulated(stroke)
+        return self._by_condition[condition]
+
+    def _simulated(self, stroke: Stroke) -> Load | None:
+        if self._rig is None:
+            return None
+        end_s = max(float(stream.t_s[-1]) for stream in stroke.streams.values())
+        try:
+            found = stroke_at_speed(self._rig, stroke.height_m, stroke.speed_rad_s, np.arange(0.0, end_s, SAMPLE_S))
+        except SimulationFailed:
+            return None
+        return Load(float(np.hypot(found.fy_N, found.fz_N).max(initial=0.0)), float(np.abs(found.tx_Nm).max(initial=0.0)))
+
+
+def _turning(label: str) -> str:
+    """The condition of cycles: "222.8 mm, 6 rad/s" of "cycles 1 to 10, 222.8 mm, 6 rad/s"."""
+    return label.partition(", ")[2]
+
+
+def _parts(recording: Recording, expected: _Expected, begun: Mapping[str, list[Begun]]) -> Iterator[Part]:
+    """Each label's beginnings are used up in their order."""
+    whole = {stage.label: stage for stage in recording.raw if not stage.cut_short}
+    for cut in (stage for stage in recording.raw if stage.cut_short):
+        yield _cut_short(cut, expected, _next(begun, cut.label))
+    for stroke in recording.strokes:
+        label = stroke_label(stroke)
+        yield _stroke(stroke, label, expected, _next(begun, label))
+    for stage in (stage for stage in recording.raw if CYCLES in stage.streams and not stage.cut_short):
+        yield _cycles(stage, expected, _next(begun, stage.label))
+    holds = [stage for stage in whole.values() if CYCLES not in stage.streams]
+    for place, static in enumerate(recording.static):
+        raw = holds[place] if len(holds) == len(recording.static) else None
+        yield _static(static, raw, expected, _next(begun, raw.label) if raw else None)
+
+
+def _next(begun: Mapping[str, list[Begun]], label: str) -> Begun | None:
+    return begun[label].pop(0) if begun.get(label) else None
+
+
+def stroke_label(stroke: Stroke) -> str:
+    """As the plan calls it."""
+    return f"flap {1e3 * stroke.height_m:.0f} mm, {stroke.speed_rad_s:g} rad/s, repeat {stroke.repeat}"
+
+
+def _condition(height_m: float, speed_rad_s: float) -> str:
+    return f"{1e3 * height_m:g} mm, {speed_rad_s:g} rad/s"
+
+
+def _stroke(stroke: Stroke, label: str, expected: _Expected, begun: Begun | None) -> Part:
+    condition = _condition(stroke.height_m, stroke.speed_rad_s)
+    fz = stroke.channel("fz_N")
+    trace = Trace(*fz) if fz is not None and len(fz[0]) else None
+    loads = _peak(stroke.streams), expected.of_stroke(label, stroke)
+    return Part("stroke", label, condition, begun, _samples(stroke.streams), *loads, trace=trace)
+
+
+def _static(stage: StaticStage, raw: RawStage | None, expected: _Expected, begun: Begun | None) -> Part:
+    condition = f"{1e3 * stage.height_m:g} mm"
+    if raw is None:
+        angle = f"{np.degrees(stage.shaft_angle_rad):.1f} deg"
+        label = f"hold {stage.stage} at {angle}, {1e3 * stage.height_m:.0f} mm, {stage.direction}"
+        return Part("static stage", label, condition, None, 0, None, None)
+    loads = _peak(raw.streams), expected.of(raw.label)
+    return Part("static stage", raw.label, condition, begun, _samples(raw.streams), *loads)
+
+
+def _cycles(stage: RawStage, expected: _Expected, begun: Begun | None) -> Part:
+    count = len(stage.streams[CYCLES].t_s)
+    loads = _peak(stage.streams), expected.of(stage.label)
+    return Part("cycles", stage.label, _turning(stage.label), begun, count, *loads, count=count)
+
+
+def _cut_short(stage: RawStage, expected: _Expected, begun: Begun | None) -> Part:
+    trace = next((Trace(s.t_s, s.columns["fz_N"].values) for s in stage.streams.values() if "fz_N" in s.columns and len(s.t_s)), None)
+    count = len(stage.streams[CYCLES].t_s) if CYCLES in stage.streams else 1
+    condition = f"{1e3 * stage.height_m:g} mm"
+    loads = _peak(stage.streams), expected.of(stage.label)
+    return Part("cut short", stage.label, condition, begun, _samples(stage.streams), *loads, stage.cut_short, count, trace)
+
+
+def _samples(streams: Mapping[str, Stream]) -> int:
+    return sum(len(stream.t_s) for stream in streams.values())
+
+
+def _peak(streams: Mapping[str, Stream]) -> Load | None:
+    """Of all axes of the force that were recorded, and of the moment, as the limits see them; of cycles as they were counted."""
+    if CYCLES in streams:
+        return Load(*(float(streams[CYCLES].columns[name].values.max(initial=0.0)) for name in ("peak_force_N", "peak_moment_Nm")))
+    columns = {name: stream.columns[name].values for stream in streams.values() for name in WRENCH if name in stream.columns}
+    peaks = [_largest([columns[name] for name in names if name in columns]) for names in (WRENCH[:3], WRENCH[3:])]
+    return Load(*peaks) if any(columns) and np.isfinite(peaks).any() else None
+
+
+def _largest(axes: Sequence[Floats]) -> float:
+    """Of their length as a vector; NaN where nothing was recorded."""
+    return float(np.sqrt(np.sum(np.square(axes), axis=0)).max()) if axes and len(axes[0]) else float("nan")

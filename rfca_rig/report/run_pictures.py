@@ -1,0 +1,165 @@
+"""A run in pictures: a small trace of every stroke, forces over the shaft's angle of static stages, peaks and stiffness over cycles."""
+
+from collections.abc import Sequence
+from functools import cache
+from html import escape
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.recording.cycle_table import cycle_table
+from rfca_rig.recording.form import Recording, StaticStage
+from rfca_rig.report.envelope import envelope
+from rfca_rig.report.inline_svg import inline_svg
+from rfca_rig.report.look import BAD, FAINT, MEASURED, PAPER, SIMULATED, drawing
+from rfca_rig.report.run_parts import Part, RunStory
+from rfca_rig.report.small_multiples import mark_axes, panels_of, title
+from rfca_rig.report.table import Table
+
+Floats = NDArray[np.float64]
+
+MOST_TRACES = 40
+ACROSS = 5
+TRACE_COLUMNS = 60
+CYCLE_COLUMNS = 300
+SAMPLE_S = 2e-3
+WIDE_IN = (8.6, 2.5)
+BOX = (0.08, 0.19, 0.91, 0.74)
+DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = ("-", (0, (4.0, 2.0)), (0, (1.0, 1.5)), "-.")
+FORCES = {"fy_N": "fy (N)", "fz_N": "fz (N)", "tx_Nm": "tx (N m)"}
+
+
+def traced(parts: Sequence[Part]) -> list[Part]:
+    """Those with a trace; of too many the ones cut short and others evenly over the run."""
+    with_trace = [part for part in parts if part.trace is not None]
+    if len(with_trace) <= MOST_TRACES:
+        return with_trace
+    evenly = {round(place) for place in np.linspace(0, len(with_trace) - 1, MOST_TRACES)}
+    return [part for place, part in enumerate(with_trace) if place in evenly or part.ended]
+
+
+def traces(parts: Sequence[Part], rig: RigModel | None) -> str:
+    """fz over time, each stroke in a panel of its own over what the model expects of it as commanded."""
+    label = f"fz over time of {len(parts)} strokes, measured and expected"
+    across = min(ACROSS, max(len(parts), 3))
+    with drawing():
+        figure, panels = panels_of(len(parts), across)
+        for axes, part in zip(panels, parts, strict=True):
+            _trace(axes, part, rig)
+        mark_axes(panels, across, "time (s)", "fz (N)")
+        return inline_svg(figure, "traces", escape(label, quote=True))
+
+
+def _trace(axes: Axes, part: Part, rig: RigModel | None) -> None:
+    trace = part.trace
+    assert trace is not None
+    condition = _height_and_speed(part.label)
+    if rig is not None and condition is not None:
+        expected = _expected(rig, *condition, round(float(trace.t_s[-1]), 2))
+        if expected is not None:
+            axes.plot(*envelope(*expected, TRACE_COLUMNS), color=SIMULATED, lw=1.9, solid_capstyle="round")
+    axes.plot(*envelope(trace.t_s, trace.fz_N, TRACE_COLUMNS), color=MEASURED, lw=0.8)
+    axes.margins(x=0.0, y=0.06)
+    above = title(axes, part.label.removeprefix("flap ").replace(", repeat ", ", no. ") + (" ✗" if part.ended else ""))
+    if part.ended:
+        above.set_color(BAD)
+
+
+def _height_and_speed(label: str) -> tuple[float, float] | None:
+    """(m, rad/s) of a stroke's label; None of another's."""
+    words = label.replace(",", "").split()
+    return (1e-3 * float(words[1]), float(words[3])) if words[:1] == ["flap"] else None
+
+
+@cache
+def _expected(rig: RigModel, height_m: float, speed_rad_s: float, end_s: float) -> tuple[Floats, Floats] | None:
+    try:
+        found = stroke_at_speed(rig, height_m, speed_rad_s, np.arange(-0.1, end_s, SAMPLE_S))
+    except SimulationFailed:
+        return None
+    return found.t_s, found.fz_N
+
+
+def static_forces(stages: Sequence[StaticStage]) -> str:
+    """Means over the shaft's angle, a line for each height; on the way back hollow."""
+    heights = sorted({stage.height_m for stage in stages})
+    with drawing():
+        figure = Figure(figsize=WIDE_IN)
+        for place, (name, words) in enumerate(FORCES.items()):
+            axes = figure.add_axes((0.075 + 0.325 * place, 0.2, 0.25, 0.72))
+            for height_m, dashes in zip(heights, DASHES, strict=False):
+                _static(axes, [stage for stage in stages if stage.height_m == height_m], name, dashes)
+            axes.set_xlabel("shaft (degrees)")
+            axes.set_ylabel(words, labelpad=1.0)
+        return inline_svg(figure, "static forces", "fy, fz and tx over the angle of the shaft, at each height")
+
+
+def _static(axes: Axes, stages: Sequence[StaticStage], name: str, dashes: str | tuple[int, tuple[float, ...]]) -> None:
+    x = np.degrees([stage.shaft_angle_rad for stage in stages])
+    y = np.array([getattr(stage, name) for stage in stages])
+    std = np.array([stage.std.get(name, 0.0) for stage in stages])
+    for piece in np.split(np.arange(len(x)), _anew(stages)):
+        axes.plot(x[piece], y[piece], color=MEASURED, lw=0.7, ls=dashes)
+    axes.vlines(x, y - std, y + std, color=MEASURED, lw=0.6)
+    for direction, face in (("loading", MEASURED), ("unloading", PAPER)):
+        of_it = np.array([stage.direction == direction for stage in stages], dtype=bool)
+        axes.plot(x[of_it], y[of_it], ls="", marker="o", ms=3.0, mfc=face, mec=MEASURED, mew=0.7)
+
+
+def _anew(stages: Sequence[StaticStage]) -> list[int]:
+    """Where the shaft came back from the front to load the leg anew."""
+    pairs = enumerate(pairwise(stages), start=1)
+    return [place for place, (a, b) in pairs if b.direction == "loading" and b.shaft_angle_rad < a.shaft_angle_rad]
+
+
+def over_cycles(story: RunStory) -> str:
+    """The largest force of each cycle, and the least fz, over their number; what the model expects, and the limit where it is near."""
+    found = cycle_table(story.recording)
+    order = np.argsort(found.numbers, kind="stable")
+    numbers = found.numbers[order].astype(float)
+    expected = next((part.expected for part in story.parts if part.kind == "cycles" and part.expected), None)
+    with drawing():
+        figure, axes = _wide()
+        if expected is not None:
+            axes.axhline(expected.force_N, color=SIMULATED, lw=2.2)
+        for values, dashes in ((found.peak_force_N[order], "-"), (found.min_fz_N[order], (0, (3, 1.5)))):
+            axes.plot(*envelope(numbers, values, CYCLE_COLUMNS), color=MEASURED, lw=0.8, ls=dashes)
+        axes.set_xlabel("cycle")
+        axes.set_ylabel("force (N)")
+        axes.margins(x=0.0, y=0.08)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        return inline_svg(figure, "cycles", "largest force and least fz of each cycle over its number")
+
+
+def over_checks(checks: Table) -> str:
+    """Drift of the stiffness over the cycles before each check, with its interval, between the limits."""
+    rows = [row.values for row in checks.rows]
+    x, drift, half = (np.array([float(str(row[key])) for row in rows]) for key in ("cycles", "drift_pct", "half_pct"))
+    limit = max(float(str(row["limit_pct"])) for row in rows)
+    with drawing():
+        figure, axes = _wide()
+        axes.axhline(0.0, color=FAINT, lw=0.6)
+        for side in (-limit, limit):
+            axes.axhline(side, color=BAD, lw=0.9, ls=(0, (5, 2)))
+        axes.vlines(x, drift - half, drift + half, color=MEASURED, lw=0.9)
+        axes.plot(x, drift, color=MEASURED, lw=0.6, marker="o", ms=3.5)
+        axes.set_xlim(0.0, 1.04 * float(x.max()))
+        axes.set_xlabel("cycles")
+        axes.set_ylabel("drift (%)")
+        return inline_svg(figure, "checks", "drift of the stiffness over cycles, between its limits")
+
+
+def _wide() -> tuple[Figure, Axes]:
+    figure = Figure(figsize=WIDE_IN)
+    return figure, figure.add_axes(BOX)
+
+
+def has_cycles(recording: Recording) -> bool:
+    return len(cycle_table(recording).numbers) > 0

@@ -1,0 +1,214 @@
+"""A run as tables: what of its plan was done, its parts, its clocks, what happened."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rfca_rig.analysis.stiffness_drift import stiffness_drift
+from rfca_rig.protocol.cycles import Cycles, StiffnessCheck, cycles_in
+from rfca_rig.protocol.plan import Flap
+from rfca_rig.recording.form import Recording
+from rfca_rig.report.clock_drift import clock_drifts
+from rfca_rig.report.run_parts import Part, RunStory
+from rfca_rig.report.table import Column, Row, Table, Value
+
+MOST_ROWS = 60  # on the page; the CSV holds all
+ORDINARY = ("stage begins", "stage recorded", "clocks", "tare", "cycles counted", "run ends")
+TOLD = ("event", "t_s", "utc", "ending", "stopped_at", "sha256", "worst_loop_gap_ms", "standstill", "tare_drift")
+STDS_95 = 1.96
+
+LOADS = (
+    Column("peak_force_N", "peak", digits=1, over="Force"),
+    Column("expected_force_N", "expected", digits=1, over="Force"),
+    Column("force_of_limit_pct", "of limit", digits=0, over="Force"),
+    Column("peak_moment_Nm", "peak", digits=2, over="Moment"),
+    Column("expected_moment_Nm", "expected", digits=2, over="Moment"),
+    Column("moment_of_limit_pct", "of limit", digits=0, over="Moment"),
+)
+
+
+def stages_table(story: RunStory) -> Table:
+    """A row for each part, cut short or whole."""
+    columns = (
+        Column("begun_s", "Begins", digits=1),
+        Column("stage", "Stage"),
+        Column("kind", role="kept"),
+        Column("condition", role="kept"),
+        Column("samples", "Samples"),
+        *LOADS,
+        Column("cut_short", role="note"),
+    )
+    rows = tuple(Row(_stage(part), marked=bool(part.ended)) for part in story.parts)
+    return Table("stages", f"Every part once (n = 1). {loads_sentence(story)}", columns, rows)
+
+
+def _stage(part: Part) -> dict[str, Value]:
+    return {
+        "begun_s": part.begun.t_s if part.begun else None,
+        "stage": part.label,
+        "kind": part.kind,
+        "condition": part.condition,
+        "samples": part.samples,
+        **_loads(part),
+        "cut_short": f"cut short: {part.ended}" if part.ended else "",
+    }
+
+
+def loads_sentence(story: RunStory) -> str:
+    """What the columns of loads are."""
+    limits = story.limits
+    said = (
+        "Peak: the largest single sample of all axes together, as the limits see it. Expected: force in the plane of motion and moment "
+        "about the shaft, by the model as it was believed"
+    )
+    if "force_N" not in limits:
+        return f"{said}. No limits are recorded."
+    later = story.last_limits
+    changed = f", later {later['force_N']:g} N and {later['torque_Nm']:g} N m" if later != limits else ""
+    return f"{said}. Limits {limits['force_N']:g} N and {limits['torque_Nm']:g} N m{changed}."
+
+
+def _loads(part: Part) -> dict[str, Value]:
+    """With the limits in force when the part began."""
+    peak, expected, limits = part.peak, part.expected, part.begun.limits if part.begun else {}
+    force, torque = limits.get("force_N"), limits.get("torque_Nm")
+    return {
+        "peak_force_N": None if peak is None else peak.force_N,
+        "expected_force_N": None if expected is None else expected.force_N,
+        "force_of_limit_pct": None if peak is None or not force else 100.0 * peak.force_N / force,
+        "peak_moment_Nm": None if peak is None else peak.torque_Nm,
+        "expected_moment_Nm": None if expected is None else expected.torque_Nm,
+        "moment_of_limit_pct": None if peak is None or not torque else 100.0 * peak.torque_Nm / torque,
+    }
+
+
+def done_table(story: RunStory) -> Table:
+    """By condition: planned, done, and the scatter of the peaks."""
+    planned = _planned(story)
+    done = [part for part in story.parts if part.kind != "cut short" or part.count > 1]
+    kinds = {key: [part for part in done if _key(part) == key] for key in dict.fromkeys([*planned, *(_key(part) for part in done)])}
+    rows = tuple(_done_row(key, planned.get(key), parts) for key, parts in kinds.items())
+    columns = (
+        Column("kind", "What"),
+        Column("condition", "Condition"),
+        *((Column("planned", "Planned"),) if planned else ()),
+        Column("done", "Done"),
+        Column("mean_peak_force_N", "mean", digits=1, half="std_peak_force_N", over="Peak force"),
+        Column("std_peak_force_N", role="kept"),
+        Column("largest_peak_force_N", "largest", digits=1, over="Peak force"),
+        Column("expected_force_N", "expected", digits=1, over="Peak force"),
+    )
+    caption = (
+        "Peaks of all axes: mean ± one standard deviation (n - 1) over what was done; of static stages, whose angles differ, the largest."
+    )
+    return Table("conditions", caption, columns, rows)
+
+
+def _key(part: Part) -> tuple[str, str]:
+    kind = "cycles" if part.kind == "cut short" else part.kind
+    return kind, part.condition if part.kind != "cut short" else part.label.partition(", ")[2]
+
+
+def _planned(story: RunStory) -> dict[tuple[str, str], int]:
+    if story.plan is None:
+        return {}
+    counts: dict[tuple[str, str], int] = {}
+    strokes = [("stroke", f"{1e3 * s.height_m:g} mm, {s.speed_rad_s:g} rad/s", 1) for s in story.plan.flaps]
+    holds = [("static stage", f"{1e3 * s.height_m:g} mm", 1) for s in story.plan.holds]
+    cycles = [("cycles", s.label.partition(", ")[2], s.count) for s in cycles_in(story.plan)]
+    for kind, condition, count in (*strokes, *holds, *cycles):
+        counts[kind, condition] = counts.get((kind, condition), 0) + count
+    return counts
+
+
+def _done_row(key: tuple[str, str], planned: int | None, parts: Sequence[Part]) -> Row:
+    peaks = [part.peak.force_N for part in parts if part.peak is not None]
+    count = sum(part.count for part in parts)
+    values: dict[str, Value] = {"kind": key[0], "condition": key[1], "planned": planned, "done": count}
+    values["largest_peak_force_N"] = max(peaks, default=None)
+    values["expected_force_N"] = max((part.expected.force_N for part in parts if part.expected is not None), default=None)
+    if peaks and key[0] != "static stage":
+        std = float(np.std(peaks, ddof=1)) if len(peaks) > 1 else None
+        values |= {"mean_peak_force_N": float(np.mean(peaks)), "std_peak_force_N": std}
+    return Row(values, marked=planned is not None and count < planned)
+
+
+def clocks_table(recording: Recording) -> Table:
+    """Each device's clock against the host's."""
+    rows = tuple(
+        Row({"device": d.device, "drift_ppm": d.ppm, "half_ppm": d.half_ppm, "span_s": d.span_s, "blocks": d.blocks})
+        for d in clock_drifts(recording)
+    )
+    columns = (
+        Column("device", "Device"),
+        Column("drift_ppm", "Gains on the host", digits=1, half="half_ppm"),
+        Column("half_ppm", role="kept"),
+        Column("span_s", "Over", digits=1),
+        Column("blocks", "Blocks"),
+    )
+    caption = (
+        "Slope of device time over host time, from the sample of every quarter of a second that was under way shortest; ± is the most that "
+        "uneven arrival can feign."
+    )
+    return Table("clocks", caption, columns, rows)
+
+
+def events_table(events: Sequence[Mapping[str, Any]]) -> Table:
+    """What happened besides the ordinary."""
+    rows = tuple(Row(_event(event)) for event in events if event["event"] not in ORDINARY)
+    columns = (Column("t_s", "At", digits=2), Column("event", "Event"), Column("about", "What of it"))
+    return Table("events", "By the rig's clock, which begins with the run.", columns, rows[:MOST_ROWS])
+
+
+def _event(event: Mapping[str, Any]) -> dict[str, Value]:
+    about = {name: value for name, value in event.items() if name not in TOLD}
+    said = "; ".join(f"{name.replace('_', ' ')} {_plain(value)}" for name, value in about.items())
+    return {"t_s": event.get("t_s"), "event": event["event"], "about": said}
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name.replace('_', ' ')} {_plain(each)}" for name, each in value.items())
+    return str(value)
+
+
+def checks_table(story: RunStory) -> Table:
+    """How the stiffness drifted since the first check of a fatigue run."""
+    checks = [stage for stage in story.plan.stages if isinstance(stage, StiffnessCheck)] if story.plan else []
+    before = _cycles_before(story)
+    drifts = [(check, stiffness_drift(story.recording.static, check.holds, check.number)) for check in checks if check.number > 1]
+    rows = tuple(
+        Row(
+            {"check": check.number, "cycles": before.get(check.number), "drift_pct": 100.0 * drift.relative,
+             "half_pct": 100.0 * STDS_95 * drift.std, "limit_pct": 100.0 * check.drift_limit},
+            marked=abs(drift.relative) > check.drift_limit,
+        )
+        for check, drift in drifts
+        if drift is not None
+    )  # fmt: skip
+    columns = (
+        Column("check", "Check"),
+        Column("cycles", "Cycles before it"),
+        Column("drift_pct", "Drift of the forces", half="half_pct"),
+        Column("half_pct", role="kept"),
+        Column("limit_pct", "Limit ±", set_value=True),
+    )
+    caption = (
+        "Change of the forces at the same shaft angles since the first check, ± half of a 95 % interval from what one factor leaves over."
+    )
+    return Table("stiffness-checks", caption, columns, rows)
+
+
+def _cycles_before(story: RunStory) -> dict[int, int]:
+    """The planned number of cycles that each check comes after, strokes among them."""
+    found, turned = {}, 0
+    for stage in story.plan.stages if story.plan else ():
+        match stage:
+            case StiffnessCheck():
+                found[stage.number] = turned
+            case Cycles():
+                turned += stage.count
+            case Flap():
+                turned += 1
+    return found

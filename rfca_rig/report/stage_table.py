@@ -1,0 +1,60 @@
+"""The static stages of a recording as tables: means after settling and hinge angles, with their scatter where the recording tells it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rfca_rig.recording.form import StaticStage
+from rfca_rig.report.table import Column, Row, Table, Value
+
+MEANS = ("shaft_angle_rad", "fy_N", "fz_N", "tx_Nm")
+STAGE = (Column("height_mm", "Height", set_value=True), Column("stage", "Stage"), Column("direction", "Direction"))
+READINGS = (
+    Column("shaft_angle_deg", "Shaft", digits=2),
+    Column("fy_N", "fy", digits=2, half="fy_std_N"),
+    Column("fy_std_N", role="kept"),
+    Column("fz_N", "fz", digits=2, half="fz_std_N"),
+    Column("fz_std_N", role="kept"),
+    Column("tx_Nm", "tx", digits=3, half="tx_std_Nm"),
+    Column("tx_std_Nm", role="kept"),
+    Column("settled", "Settled"),
+)
+
+
+def stage_tables(name: str, stages: Sequence[StaticStage]) -> list[Table]:
+    """Readings, and hinge angles where there are any; a stage that had not settled is marked."""
+    if not stages:
+        return []
+    rows = tuple(Row(_values(stage), marked=stage.settled is False) for stage in stages)
+    readings = f"{name}, readings: means after settling, ± one standard deviation of a single sample where the recording tells it."
+    found = [Table("static-readings", readings, (*STAGE, *READINGS), rows)]
+    if any(np.isfinite(stage.hinge_deg).any() for stage in stages):
+        hinges = f"{name}, hinge angles of each link against the one before it, ± one standard deviation where their photo tells it."
+        columns = (*STAGE, *_hinge_columns(len(stages[0].hinge_deg)), Column("photo_doubts", role="note"))
+        found.append(Table("hinge-angles", hinges, columns, rows))
+    return found
+
+
+def _hinge_columns(count: int) -> tuple[Column, ...]:
+    pairs = (
+        (Column(f"hinge{i}_deg", f"{i}", digits=2, half=f"hinge{i}_std_deg", over="Hinge"), Column(f"hinge{i}_std_deg", role="kept"))
+        for i in range(2, 2 + count)
+    )
+    return tuple(column for pair in pairs for column in pair)
+
+
+def _values(stage: StaticStage) -> dict[str, Value]:
+    values: dict[str, Value] = {
+        "height_mm": round(1e3 * stage.height_m, 3),
+        "stage": stage.stage,
+        "direction": stage.direction,
+        "shaft_angle_deg": float(np.degrees(stage.shaft_angle_rad)),
+        "settled": stage.settled,
+        "photo_doubts": stage.photo_doubts,
+    }
+    for name in MEANS[1:]:
+        base, unit = name.split("_")
+        values |= {name: getattr(stage, name), f"{base}_std_{unit}": stage.std.get(name)}
+    for number, (angle, std) in enumerate(zip(stage.hinge_deg, stage.hinge_std_deg, strict=True), start=2):
+        values |= {f"hinge{number}_deg": angle, f"hinge{number}_std_deg": std}
+    return values

@@ -1,0 +1,161 @@
+"""What the static stages tell, as tables: the values, the curve with its stiffness, hinge by hinge, and what is common to all."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
+from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
+from rfca_rig.analysis.torque_rotation.static_result import StaticResult
+from rfca_rig.report.table import Column, Row, Table, Value, as_sure
+
+TABLE_STEP_DEG = 2.5
+FEW_LINES = 12
+FULL_GRID = 101
+
+CURVE_COLUMNS = (
+    Column("angle_deg", "Rotation", set_value=True),
+    Column("torque_Nm", "Torque", half="torque_half_Nm"),
+    Column("torque_std_Nm", role="kept"),
+    Column("torque_low_Nm", role="kept"),
+    Column("torque_high_Nm", role="kept"),
+    Column("stiffness_Nm_per_rad", "Stiffness", half="stiffness_half_Nm_per_rad"),
+    Column("stiffness_std_Nm_per_rad", role="kept"),
+    Column("stiffness_low_Nm_per_rad", role="kept"),
+    Column("stiffness_high_Nm_per_rad", role="kept"),
+)
+
+
+def values_table(result: StaticResult) -> Table:
+    """k0 and k2 with standard deviation and 95 % interval."""
+    values = result.values
+    rows = (
+        _value("k0", values.k0_Nm_per_rad, values.k0_std, values.reach, "N m/rad"),
+        _value("k2", values.k2_per_rad2, values.k2_std, values.reach, "1/rad²"),
+    )
+    columns = (
+        Column("parameter"),
+        Column("value", half="half_95"),
+        Column("unit"),
+        Column("std", role="kept"),
+        Column("low_95", role="kept"),
+        Column("high_95", role="kept"),
+    )
+    stages, angles = len(result.data.stages), int(result.data.seen.sum())
+    return Table("values", f"Torque k0 (phi + k2 phi^3) of a hinge, ± half of a 95 % interval; {stages} stages, {angles} hinge angles.",
+                 columns, rows)  # fmt: skip
+
+
+def _value(name: str, value: float, std: float, reach: float, unit: str) -> Row:
+    half = reach * std
+    said: dict[str, Value] = {"parameter": name, "value": value, "half_95": half, "unit": unit, "std": std}
+    return Row({**said, "low_95": value - half, "high_95": value + half})
+
+
+def curve_table(curve: TorqueCurve, angles: int) -> Table:
+    """A few rows over the range of the curve, for reading."""
+    return _curve(curve, np.radians(_round_angles(curve)) * curve.bends, f"from {angles} hinge angles")
+
+
+def whole_curve(curve: TorqueCurve) -> Table:
+    """Over its whole range, for other programs; the signs are those of the hinge angles."""
+    return _curve(curve, curve.grid_rad(FULL_GRID), "over the whole range", signed=True)
+
+
+def _curve(curve: TorqueCurve, phi: NDArray[np.float64], words: str, signed: bool = False) -> Table:
+    side = 1.0 if signed else curve.bends
+    torque, torque_std = curve.torque_Nm(phi)
+    stiffness, stiffness_std = curve.stiffness_Nm_per_rad(phi)
+    numbers = zip(np.degrees(side * phi), side * torque, torque_std, stiffness, stiffness_std, strict=True)
+    rows = tuple(_curve_row(curve.reach, *(float(number) for number in each)) for each in numbers)
+    caption = f"Torque and stiffness of a hinge, ± half of the 95 % band, which holds at each angle by itself; {words}."
+    return Table("curve", caption, tuple(as_sure(column, rows) for column in CURVE_COLUMNS), rows)
+
+
+def _curve_row(reach: float, angle: float, torque: float, torque_std: float, stiffness: float, stiffness_std: float) -> Row:
+    half, stiff_half = reach * torque_std, reach * stiffness_std
+    return Row(
+        {
+            "angle_deg": round(angle, 5) + 0.0,
+            "torque_Nm": torque,
+            "torque_half_Nm": half,
+            "torque_std_Nm": torque_std,
+            "torque_low_Nm": torque - half,
+            "torque_high_Nm": torque + half,
+            "stiffness_Nm_per_rad": stiffness,
+            "stiffness_half_Nm_per_rad": stiff_half,
+            "stiffness_std_Nm_per_rad": stiffness_std,
+            "stiffness_low_Nm_per_rad": stiffness - stiff_half,
+            "stiffness_high_Nm_per_rad": stiffness + stiff_half,
+        }
+    )
+
+
+def _round_angles(curve: TorqueCurve) -> NDArray[np.float64]:
+    """In steps that make a dozen lines or less."""
+    low, high = sorted(abs(float(np.degrees(angle))) for angle in curve.range_rad)
+    step = TABLE_STEP_DEG
+    while (high - low) / step > FEW_LINES:
+        step *= 2.0
+    return np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
+
+
+def hinges_table(result: StaticResult) -> Table:
+    """Each hinge against the curve of all; those that differ by more than chance are marked."""
+    rows = tuple(
+        Row({"hinge": one.hinge, "stiffer_pct": 100.0 * one.stiffer, "std_pct": 100.0 * one.std}, marked=one.differs)
+        for one in result.hinges
+    )
+    stiffer = as_sure(Column("stiffer_pct", "Stiffer than the curve", half="std_pct"), rows)
+    columns = (Column("hinge", "Hinge"), stiffer, Column("std_pct", role="kept"))
+    return Table("hinges", "Each hinge by itself, ± one standard deviation; bold where it differs by more than chance.", columns, rows)
+
+
+def common_table(result: StaticResult) -> Table:
+    """What is the same in all stages and was not taken for exact."""
+    rows = tuple(
+        Row({"what": d.says, "off": d.value, "off_std": d.std, "known_to": float(f"{d.prior_std:.2g}"), "unit": d.unit}, marked=d.strained)
+        for d in result.doubts
+    )
+    columns = (
+        Column("what", "Off what was believed"),
+        Column("off", "Found", half="off_std"),
+        Column("off_std", role="kept"),
+        Column("known_to", "Known to before", set_value=True),
+        Column("unit", "Unit"),
+    )
+    return Table("common", "One standard deviation each; bold where it is farther off than it was known to.", columns, rows)
+
+
+def repeats_table(result: StaticResult, names: Sequence[str]) -> Table:
+    """The law from each recording alone; no rows for a single one."""
+    rows = tuple(
+        Row({"recording": name, "k0_Nm_per_rad": one.k0_Nm_per_rad, "k0_half": one.reach * one.k0_std,
+             "k2_per_rad2": one.k2_per_rad2, "k2_half": one.reach * one.k2_std})
+        for name, one in zip(names, result.repeats.each, strict=False)
+    )  # fmt: skip
+    columns = (
+        Column("recording", "Recording"),
+        Column("k0_Nm_per_rad", "k0", half="k0_half"),
+        Column("k2_per_rad2", "k2", half="k2_half"),
+    )
+    return Table("recordings", "From each recording alone, ± half of a 95 % interval.", columns, rows)
+
+
+def elastica_table(foretold: Sequence[Foretold], result: StaticResult) -> Table:
+    """What the paper's strip would do, beside what was found."""
+    values = result.values
+    rows: list[dict[str, Value]] = [
+        {"held": one.says, "free_mm": 1e3 * one.free_m, "k0_Nm_per_rad": one.k0_Nm_per_rad, "k2_per_rad2": one.k2_per_rad2}
+        for one in foretold
+    ]
+    found: dict[str, Value] = {"held": "measured here", "k0_Nm_per_rad": values.k0_Nm_per_rad, "k2_per_rad2": values.k2_per_rad2}
+    columns = (
+        Column("held", "The paper\u2019s strip, held"),
+        Column("free_mm", "Free", digits=1),
+        Column("k0_Nm_per_rad", "k0", digits=2),
+        Column("k2_per_rad2", "k2", digits=2),
+    )
+    caption = "Computed, two strips of 226 \u00d7 25.4 \u00d7 0.8 mm, 120 GPa; what was measured has its interval above."
+    return Table("elastica", caption, columns, (*(Row(row) for row in rows), Row(found)))

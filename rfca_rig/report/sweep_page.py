@@ -1,0 +1,125 @@
+"""sweep.html: one self-contained page."""
+
+from typing import Any
+
+import numpy as np
+
+from rfca_rig.report.origin import Origin, version_text
+from rfca_rig.report.sweep_pictures import drawn_points, drawn_view
+from rfca_rig.report.sweep_sensitivities import MOST_GROUPS, Explained, table_of
+from rfca_rig.report.sweep_views import Drawn, View, drawn_groups, views
+from rfca_rig.report.sweep_words import name_and_unit, shown, with_unit
+from rfca_rig.report.table import Column, Row, Table
+from rfca_rig.report.templates import template
+from rfca_rig.report.wording import counted, number
+from rfca_rig.sweep.outputs import Asked
+from rfca_rig.sweep.quantities import quantity
+from rfca_rig.sweep.result import CSV, H5, SweepResult
+from rfca_rig.sweep.samples import points
+
+FILES = [CSV, H5, "sweep.json"]
+DEFINITIONS = (
+    "Over a stroke, from the commanded start to the end of the shaft's turn; t* is the moment of the greatest load while the leg presses: "
+    "it touches, and touchdown, the first 30 ms of contact, is over."
+)
+
+
+def page(result: SweepResult, found: list[Explained], command: str) -> str:
+    """The page as HTML; `found` are the sensitivities, none for a grid."""
+    plan = result.plan
+    figures, left_out = _figures(result, found)
+    return template("sweep.html").render(
+        sheets=[],
+        origin=Origin(command, (), version_text()),
+        files=FILES,
+        title=plan.title,
+        standfirst=_standfirst(result),
+        figures=figures,
+        left_out=left_out,
+        sensitivities=table_of(found) if found else None,
+        varied=_varied(result),
+        outputs=_outputs(result),
+        reasons=result.reasons(),
+        failed=result.failed,
+    )
+
+
+def _standfirst(result: SweepResult) -> str:
+    plan = result.plan
+    sides = [f"{counted(len(axis.values), 'value')} of {name_and_unit(axis.name)[0]}" for axis in plan.axes]
+    if plan.samples:
+        drawn = f"{plan.samples.n} points ({plan.samples.method}, seed {plan.samples.seed})"
+        sides.append(f"{drawn} in {counted(len(plan.samples.names), 'range')}")
+    said = f"{counted(plan.count, 'case')}: {' times '.join(sides)}."
+    if result.failed:
+        said += f" {counted(result.failed, 'case')} failed."
+    return said + (f" {counted(result.incomplete, 'case')} without some output." if result.incomplete else "")
+
+
+def _figures(result: SweepResult, found: list[Explained]) -> tuple[list[dict[str, Any]], int]:
+    """Those of a grid or of samples, and how many combinations are not drawn."""
+    if result.plan.samples is not None:
+        groups = list(drawn_groups(result.plan))
+        shown_groups = groups[:MOST_GROUPS]
+        drawn = [_points_figure(result, asked, group, found) for group in shown_groups for asked in result.plan.outputs]
+        return drawn, len(groups) - len(shown_groups)
+    shown_views, there_are = views(result.plan)
+    return [_grid_figure(result, asked, view) for view in shown_views for asked in result.plan.outputs], there_are - len(shown_views)
+
+
+def _grid_figure(result: SweepResult, asked: Asked, view: View) -> dict[str, Any]:
+    values = view.values(result, asked.header)
+    crosses = " Crosses: no value." if view.is_map and np.isnan(values).any() else ""
+    return {
+        "title": _title(asked),
+        "of": ", ".join(with_unit(*held) for held in view.facet),
+        "svg": drawn_view(view, values, asked.header),
+        "caption": f"{asked.output.equation}. Column {asked.header} of {CSV}.{crosses}",
+        "wide": False,
+    }
+
+
+def _points_figure(result: SweepResult, asked: Asked, group: Drawn, found: list[Explained]) -> dict[str, Any]:
+    samples = result.plan.samples
+    assert samples is not None
+    indices = [each.found for each in found if each.output == asked.header and each.at == group.at]
+    titles = ["" if index is None else f"explains {number(index.index, 2)} ± {index.std:.2f}" for index in indices]
+    return {
+        "title": _title(asked),
+        "of": ", ".join(with_unit(*held) for held in group.at),
+        "svg": drawn_points(samples.ranges, points(samples), result.output(asked.header)[group.cases], titles, asked.header),
+        "caption": f"{asked.output.equation}. Column {asked.header} of {CSV}; above each panel the first-order share of variance.",
+        "wide": True,
+    }
+
+
+def _title(asked: Asked) -> str:
+    return asked.words[:1].upper() + asked.words[1:]
+
+
+def _varied(result: SweepResult) -> Table:
+    plan = result.plan
+    rows = []
+    for axis in plan.axes:
+        words = ", ".join(map(shown, axis.values)) if len(axis.values) <= 8 else f"{shown(axis.values[0])} to {shown(axis.values[-1])}"
+        rows.append(_row(axis.name, f"{words}{', equal ratios' if axis.log else ''}", f"{len(axis.values)}"))
+    for each in plan.samples.ranges if plan.samples else ():
+        rows.append(_row(each.name, f"{shown(each.low)} to {shown(each.high)}{', evenly in the logarithm' if each.log else ''}", "drawn"))
+    rows += [_row(name, shown(value), "fixed") for name, value in plan.fixed]
+    columns = (Column("what"), Column("values"), Column("how_many", "number"), Column("column", "column"))
+    return Table("varied", "All else is as the model believes it.", columns, tuple(rows))
+
+
+def _row(name: str, values: str, number: str) -> Row:
+    words, unit = quantity(name).words, name_and_unit(name)[1]
+    with_units = f"{values} {unit}" if unit else values
+    return Row({"what": f"{words[:1].upper()}{words[1:]}", "values": with_units, "how_many": number, "column": name})
+
+
+def _outputs(result: SweepResult) -> Table:
+    rows = tuple(
+        Row({"what": _title(asked), "equation": asked.output.equation, "source": asked.output.source, "column": asked.header})
+        for asked in result.plan.outputs
+    )
+    columns = (Column("what"), Column("equation", "definition"), Column("source"), Column("column"))
+    return Table("outputs", DEFINITIONS, columns, rows)

@@ -1,0 +1,69 @@
+"""How much each sampled quantity explains of each output, as a table of a page and of sweep.json."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from rfca_rig.report.sweep_views import drawn_groups
+from rfca_rig.report.sweep_words import name_and_unit, with_unit
+from rfca_rig.report.table import Column, Row, Table
+from rfca_rig.sweep.quantities import Value
+from rfca_rig.sweep.result import SweepResult
+from rfca_rig.sweep.samples import shares
+from rfca_rig.sweep.sensitivity import FirstOrder, first_order
+
+MOST_GROUPS = 6
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What one quantity explains of one output, in one combination of the grid's values; None where that cannot be told."""
+
+    at: tuple[tuple[str, Value], ...]
+    output: str
+    name: str
+    found: FirstOrder | None
+
+
+def explained(result: SweepResult) -> list[Explained]:
+    """All of them, by output, then quantity. The bootstrap is seeded with the samples."""
+    return list(_explained(result))
+
+
+def _explained(result: SweepResult) -> Iterator[Explained]:
+    samples = result.plan.samples
+    if samples is None:
+        return
+    share = shares(samples)
+    for group in list(drawn_groups(result.plan))[:MOST_GROUPS]:
+        for asked in result.plan.outputs:
+            values = result.output(asked.header)[group.cases]
+            for place, name in enumerate(samples.names):
+                rng = np.random.default_rng((samples.seed, place))
+                yield Explained(group.at, asked.header, name, first_order(share[:, place], values, rng))
+
+
+def table_of(found: list[Explained]) -> Table:
+    """A line for each output, a column for each quantity, and what is left to interactions."""
+    names = list(dict.fromkeys(each.name for each in found))
+    columns = [Column("at", role="group"), Column("output")]
+    for name in names:
+        columns += [Column(name, name_and_unit(name)[0], half=f"{name} std"), Column(f"{name} std", role="kept")]
+    columns.append(Column("sum", "together", digits=2))
+    rows = []
+    for at, output in dict.fromkeys((each.at, each.output) for each in found):
+        values: dict[str, str | float | None] = {"at": ", ".join(with_unit(*each) for each in at), "output": name_and_unit(output)[0]}
+        of_row = [each for each in found if (each.at, each.output) == (at, output)]
+        for each in of_row:
+            values[each.name] = each.found.index if each.found else None
+            values[f"{each.name} std"] = each.found.std if each.found else None
+        values["sum"] = sum(each.found.index for each in of_row if each.found) if all(each.found for each in of_row) else None
+        rows.append(Row(values))
+    return Table(
+        "sensitivities",
+        "Share of an output's variance that one quantity explains alone (first-order Sobol index ± one standard error); what is missing "
+        "from 1 together is due to interactions.",
+        tuple(columns),
+        tuple(rows),
+    )

@@ -1,0 +1,33 @@
+"""Names and values of a sweep as a reader wants them."""
+
+from rfca_rig.report.named_units import words_and_unit
+from rfca_rig.report.wording import MINUS
+from rfca_rig.sweep.quantities import Value
+
+DIGITS = 4
+
+
+def name_and_unit(name: str) -> tuple[str, str]:
+    """strip.thickness_mm is "strip thickness" in mm, static_torque_Nm@60deg is "static torque at 60°" in N m."""
+    plain, at, angle = name.partition("@")
+    of, dot, last = plain.rpartition(".")
+    words, unit = words_and_unit(last)
+    said = f"{of.replace('_', ' ')} {words}" if dot else words
+    return (f"{said} at {angle.removesuffix('deg')}°" if at else said), unit
+
+
+def axis_label(name: str) -> str:
+    """As in "height (mm)"."""
+    words, unit = name_and_unit(name)
+    return f"{words} ({unit})" if unit else words
+
+
+def with_unit(name: str, value: Value) -> str:
+    """As in "height 215 mm", "strip material CFSP"."""
+    words, unit = name_and_unit(name)
+    return f"{words} {shown(value)}{f' {unit}' if unit else ''}"
+
+
+def shown(value: Value) -> str:
+    """Four digits, with a true minus sign."""
+    return value if isinstance(value, str) else f"{value:.{DIGITS}g}".replace("-", MINUS)

@@ -1,0 +1,159 @@
+"""One table for everything that shows it: CSV for programs, LaTeX for a paper, HTML for a page, plain text for a terminal."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import groupby
+from math import isfinite
+from typing import Literal
+
+from rfca_rig.report.named_units import words_and_unit
+
+Value = float | int | str | bool | None
+Role = Literal["value", "kept", "group", "note"]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column; `key` heads it in CSV and carries the unit in its name, `head` is what a reader sees, the key in words if not given.
+
+    Numbers are shown with `digits` decimals, else with two digits of the uncertainty; `half` is the key of the column that holds it, one
+    standard deviation or half an interval, as the table's caption says. Neighbours with the same `over` stand under that heading.
+    A `set_value` was chosen, not measured, and is shown as it was typed; the head of an `upright` column of a broad table stands on end in
+    LaTeX. A "kept" column is in CSV only, a "group" divides the rows, a "note" stands below its row.
+    """
+
+    key: str
+    head: str = ""
+    digits: int | None = None
+    half: str = ""
+    over: str = ""
+    role: Role = "value"
+    set_value: bool = False
+    upright: bool = False
+
+    @property
+    def title(self) -> str:
+        return self.head or words_and_unit(self.key)[0]
+
+    @property
+    def unit(self) -> str:
+        return words_and_unit(self.key)[1]
+
+
+@dataclass(frozen=True)
+class Row:
+    """Values by the keys of the columns; what is missing or None is not known. `digits` goes before those of the columns.
+
+    A `marked` row is one to look at first, and set so that it is seen.
+    """
+
+    values: Mapping[str, Value]
+    digits: int | None = None
+    marked: bool = False
+
+
+@dataclass(frozen=True)
+class Foot:
+    """A line below: words across the first columns, then values by their keys."""
+
+    words: str
+    values: Mapping[str, Value] = field(default_factory=dict)
+    digits: int | None = None
+
+
+@dataclass(frozen=True)
+class Table:
+    """`name` is that of its files; the `caption` says what is shown, over how many repeats, and what stands behind a ±."""
+
+    name: str
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    foot: tuple[Foot, ...] = ()
+
+    @property
+    def shown(self) -> tuple[Column, ...]:
+        return tuple(column for column in self.columns if column.role == "value")
+
+    @cached_property
+    def numeric(self) -> frozenset[str]:
+        """Keys of the columns that hold numbers, which stand to the right."""
+        return frozenset(column.key for column in self.columns if any(_is_number(row.values.get(column.key)) for row in self.rows))
+
+    def groups(self) -> list[tuple[str, tuple[Row, ...]]]:
+        """The rows by their group, without a name where there is one only."""
+        key = next((column.key for column in self.columns if column.role == "group"), "")
+        groups = [(str(name), tuple(rows)) for name, rows in groupby(self.rows, lambda row: row.values.get(key) or "")]
+        return groups if len(groups) > 1 else [("", self.rows)]
+
+    def notes(self, row: Row) -> list[str]:
+        """What stands below the row, a line each."""
+        said = (row.values.get(column.key) for column in self.columns if column.role == "note")
+        return [str(text) for text in said if text]
+
+    def overs(self) -> list[tuple[str, int]]:
+        """Headings above the columns with how many each spans, "" where there is none; empty without any heading."""
+        spans = [(over, len(list(columns))) for over, columns in groupby(self.shown, lambda column: column.over)]
+        return spans if any(over for over, _ in spans) else []
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A value as text, with a plain minus sign; `half` is what follows a ±, "" for nothing. Both "" for what is not known."""
+
+    text: str
+    half: str = ""
+    is_number: bool = False
+
+
+def cell(column: Column, row: Row) -> Cell:
+    """The value of the row, and its uncertainty where there is one."""
+    value, half = row.values.get(column.key), row.values.get(column.half) if column.half else None
+    if value is None or (isinstance(value, float) and not isfinite(value)):
+        return Cell("")
+    if isinstance(value, bool | str):
+        return Cell(value if isinstance(value, str) else ("yes" if value else "no"))
+    if column.set_value:
+        return Cell(f"{value:.6g}", is_number=True)
+    known = float(half) if isinstance(half, int | float) and isfinite(half) and half > 0 else None
+    digits = _digits(value, known, column.digits if row.digits is None else row.digits)
+    return Cell(rounded(value, digits), "" if known is None else rounded(known, digits), is_number=True)
+
+
+def foot_cell(column: Column, foot: Foot) -> Cell:
+    return cell(column, Row(foot.values, foot.digits))
+
+
+def head_span(table: Table, foot: Foot) -> int:
+    """How many of the shown columns the words of a foot may take."""
+    return next((place for place, column in enumerate(table.shown) if column.key in foot.values), len(table.shown))
+
+
+def rounded(value: float, digits: int) -> str:
+    """With so many decimals, negative ones for tens and hundreds; no minus where all digits shown are zero."""
+    return f"{round(value, digits) + 0.0:.{max(digits, 0)}f}"
+
+
+def _digits(value: float, half: float | None, asked: int | None) -> int:
+    if asked is not None:
+        return asked
+    if isinstance(value, int):
+        return 0
+    return places(half, 2) if half is not None else places(value, 4)
+
+
+def places(size: float, digits: int) -> int:
+    """Decimals that show `size` with so many digits; negative where it ends before the point."""
+    return digits - 1 - (int(f"{abs(size):e}".partition("e")[2]) if size and isfinite(size) else 0)
+
+
+def _is_number(value: Value) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def as_sure(column: Column, rows: Sequence[Row]) -> Column:
+    """The column with as many decimals in all rows as show two digits of the usual uncertainty."""
+    halves = [row.values.get(column.half) for row in rows]
+    known = sorted(float(half) for half in halves if isinstance(half, int | float) and isfinite(half) and half > 0)
+    return replace(column, digits=max(places(known[len(known) // 2], 2), 0)) if known else column

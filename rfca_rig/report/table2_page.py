@@ -1,0 +1,104 @@
+"""report.html: Table II, one self-contained page."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from rfca_rig.analysis.counterpart import Shaft
+from rfca_rig.analysis.table2 import PAPER_AVERAGE_ERROR_PCT, Table2
+from rfca_rig.report import overlay
+from rfca_rig.report.model_table import model_table
+from rfca_rig.report.origin import Told
+from rfca_rig.report.sources import ComparedSource
+from rfca_rig.report.stage_table import stage_tables
+from rfca_rig.report.table2_files import as_table
+from rfca_rig.report.templates import template
+from rfca_rig.report.wording import (
+    DEFINITION,
+    SHAFT_WORDS,
+    counted,
+    number,
+    repeats_sentence,
+    rms_sentence,
+    scales_sentence,
+    shaft_sentence,
+    unbroken,
+)
+
+
+def page(sources: Sequence[ComparedSource], table: Table2, shaft: Shaft, told: Told) -> str:
+    """The page as HTML."""
+    return template("table2.html").render(
+        sheets=(),
+        origin=told.origin,
+        files=("table2.csv", "table2.tex", "table2.json"),
+        links=told.links,
+        title=" · ".join(dict.fromkeys(source.recording.title for source in sources)) or "Nothing recorded",
+        standfirst=_standfirst(table),
+        sources=[_source(source) for source in sources],
+        table=as_table(table, SHAFT_WORDS[shaft]),
+        figures=_figures(sources, shaft),
+        static_tables=[table for source in sources for table in stage_tables(source.name, source.recording.static)],
+        models=_models(sources, told.model_file),
+        definition=DEFINITION,
+    )
+
+
+def _standfirst(table: Table2) -> str:
+    time, force = table.average_time_error_pct, table.average_force_error_pct
+    if time is None or force is None:
+        return "No valley could be compared." if table.rows else "Static stages; no strokes were recorded."
+    paper_time, paper_force = PAPER_AVERAGE_ERROR_PCT
+    return (
+        f"The model meets the valley of fz to {number(time, 2)} % in time and {number(force, 2)} % in force on average; "
+        f"the model of the paper met its rig to {paper_time} % and {paper_force} %."
+    )
+
+
+def _source(source: ComparedSource) -> dict[str, Any]:
+    recording = source.recording
+    held = []
+    if recording.strokes:
+        held.append(f"{counted(len(recording.strokes), 'stroke')} at {counted(len(source.compared), 'condition')}")
+    if recording.static:
+        held.append(counted(len(recording.static), "static stage"))
+    return {"name": source.name, "mark": recording.source, "holds": " and ".join(held) or "nothing recorded"}
+
+
+def _figures(sources: Sequence[ComparedSource], shaft: Shaft) -> list[dict[str, Any]]:
+    several = sum(bool(source.compared) for source in sources) > 1
+    all_compared = [(source, compared) for source in sources for compared in source.compared]
+    figures = []
+    for place, (source, compared) in enumerate(all_compared, start=1):
+        drawn = overlay.draw_overlay(compared, salt=f"figure {place}")
+        figures.append(
+            {
+                "number": place,
+                "label": compared.condition.label,
+                "source": source.name if several else "",
+                "svg": drawn.svg,
+                "caption": unbroken(
+                    f"{repeats_sentence(compared)} {shaft_sentence(compared, shaft)} {rms_sentence(compared)} {scales_sentence(drawn)}"
+                ),
+            }
+        )
+    return figures
+
+
+def _models(sources: Sequence[ComparedSource], model_file: str | None) -> list[dict[str, Any]]:
+    """One table for each model that differs from the others, with the sources that share it."""
+    distinct = list(dict.fromkeys(source.rig for source in sources if source.rig is not None))
+    tables = []
+    for rig in distinct:
+        sharing = [source for source in sources if source.rig == rig]
+        tables.append({"says": _model_says(sharing, model_file, len(distinct) > 1), "table": model_table(rig)})
+    return tables
+
+
+def _model_says(sharing: Sequence[ComparedSource], model_file: str | None, several: bool) -> str:
+    what = f"The model in {model_file}, given for this report" if model_file else "The model as it was believed before the recordings"
+    of_whom = f", of {', '.join(source.name for source in sharing)}" if several else ""
+    known_to = sharing[0].recording.known_to
+    if model_file or not known_to:
+        return f"{what}{of_whom}."
+    said = ", ".join(f"{name} = {value:g}" for name, value in known_to.items() if isinstance(value, int | float))
+    return f"{what}{of_whom}. One standard deviation of what was believed: {said}; what is not listed counts as exact."

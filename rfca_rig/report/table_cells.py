@@ -1,0 +1,72 @@
+"""A table as a page shows it: true minus signs, an en dash for what is not known, units that stay with their numbers."""
+
+from dataclasses import dataclass
+
+from rfca_rig.report.table import Cell, Column, Foot, Row, Table, cell, foot_cell, head_span
+from rfca_rig.report.wording import MINUS, NO_BREAK, NOTHING
+
+
+@dataclass(frozen=True)
+class ShownCell:
+    """`right` for a column of numbers."""
+
+    text: str
+    right: bool
+
+
+@dataclass(frozen=True)
+class ShownRow:
+    """One row, and what stands below it."""
+
+    cells: tuple[ShownCell, ...]
+    marked: bool
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ShownFoot:
+    """`words` across `span` columns, then the rest."""
+
+    words: str
+    span: int
+    cells: tuple[ShownCell, ...]
+
+
+@dataclass(frozen=True)
+class ShownTable:
+    """What the macro `table` in parts.html writes out."""
+
+    heads: tuple[ShownCell, ...]
+    units: tuple[str, ...]
+    overs: tuple[tuple[str, int], ...]
+    groups: tuple[tuple[str, tuple[ShownRow, ...]], ...]
+    foot: tuple[ShownFoot, ...]
+
+
+def shown_cells(table: Table) -> ShownTable:
+    """Every cell as text."""
+    return ShownTable(
+        heads=tuple(ShownCell(column.title, column.key in table.numeric) for column in table.shown),
+        units=tuple(column.unit.replace(" ", NO_BREAK) for column in table.shown),
+        overs=tuple(table.overs()),
+        groups=tuple((name, tuple(_row(table, row) for row in rows)) for name, rows in table.groups()),
+        foot=tuple(_foot(table, foot) for foot in table.foot),
+    )
+
+
+def _row(table: Table, row: Row) -> ShownRow:
+    cells = tuple(_shown(table, column, cell(column, row)) for column in table.shown)
+    return ShownRow(cells, row.marked, tuple(table.notes(row)))
+
+
+def _foot(table: Table, foot: Foot) -> ShownFoot:
+    span = head_span(table, foot)
+    cells = tuple(_shown(table, column, foot_cell(column, foot)) for column in table.shown[span:])
+    return ShownFoot(foot.words, span, cells)
+
+
+def _shown(table: Table, column: Column, found: Cell) -> ShownCell:
+    text = found.text.replace("-", MINUS) if found.is_number else found.text
+    if found.half:
+        text += f"{NO_BREAK}±{NO_BREAK}{found.half}"
+    return ShownCell(text or (NOTHING if column.key in table.numeric else ""), column.key in table.numeric)

@@ -1,0 +1,108 @@
+"""A table for other programs and for papers: CSV with all that is known, LaTeX with booktabs, plain text."""
+
+import csv
+import io
+from collections.abc import Sequence
+from math import isfinite
+
+from rfca_rig.report.latex import tex_head, tex_number, tex_text, tex_unit
+from rfca_rig.report.table import Cell, Column, Foot, Row, Table, Value, cell, foot_cell, head_span
+
+UNKNOWN_TEX = "--"
+
+
+def as_csv(table: Table) -> str:
+    """A line a row with every column, headed by its key; numbers as they are, what is not known is empty."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow([column.key for column in table.columns])
+    writer.writerows([_plain(row.values.get(column.key)) for column in table.columns] for row in table.rows)
+    return out.getvalue()
+
+
+def _plain(value: Value) -> Value:
+    """Numbers to twelve digits, more than anything measured has and fewer than differ between machines."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return (float(f"{value:.12g}") + 0.0 if isfinite(value) else "") if isinstance(value, float) else value
+
+
+def as_tex(table: Table) -> str:
+    """A tabular, to be put into a document that loads booktabs; the caption stands in a comment above it."""
+    aligned = "".join("r" if column.key in table.numeric else "l" for column in table.shown)
+    packages = "booktabs,graphicx" if any(column.upright for column in table.shown) else "booktabs"
+    lines = [rf"% needs \usepackage{{{packages}}}; {' '.join(table.caption.split())}", rf"\begin{{tabular}}{{{aligned}}}", r"\toprule"]
+    lines += _tex_heads(table)
+    for name, rows in table.groups():
+        lines.append(r"\midrule")
+        lines += [rf"\multicolumn{{{len(aligned)}}}{{l}}{{{tex_text(name)}}} \\"] if name else []
+        for row in rows:
+            lines.append(_tex_line([_tex_cell(column, cell(column, row), column.key in table.numeric) for column in table.shown]))
+            lines += [rf"\multicolumn{{{len(aligned)}}}{{l}}{{\quad {tex_text(note)}}} \\" for note in table.notes(row)]
+    lines += [r"\midrule", *(_tex_foot(table, foot) for foot in table.foot)] if table.foot else []
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def _tex_heads(table: Table) -> list[str]:
+    heads = _tex_line([_tex_head(column, column.key in table.numeric) for column in table.shown])
+    overs = table.overs()
+    if not overs:
+        return [heads]
+    above = [rf"\multicolumn{{{span}}}{{c}}{{{tex_text(over)}}}" if over else " & ".join([""] * span) for over, span in overs]
+    rules, at = [], 1
+    for over, span in overs:
+        rules += [rf"\cmidrule(lr){{{at}-{at + span - 1}}}"] if over else []
+        at += span
+    return [_tex_line(above), "".join(rules), heads]
+
+
+def _tex_head(column: Column, is_number: bool) -> str:
+    unit = f" ({tex_unit(column.unit)})" if column.unit else ""
+    text = f"{tex_head(column.title)}{unit}"
+    if column.upright:
+        return rf"\rotatebox{{90}}{{{text}~}}"
+    return rf"\multicolumn{{1}}{{r}}{{{text}}}" if is_number else text
+
+
+def _tex_foot(table: Table, foot: Foot) -> str:
+    span = head_span(table, foot)
+    cells = [_tex_cell(column, foot_cell(column, foot), column.key in table.numeric) for column in table.shown[span:]]
+    return _tex_line([rf"\multicolumn{{{span}}}{{l}}{{{tex_text(foot.words)}}}", *cells])
+
+
+def _tex_line(cells: Sequence[str]) -> str:
+    return " & ".join(cells) + r" \\"
+
+
+def _tex_cell(column: Column, found: Cell, is_number: bool) -> str:
+    if not found.text:
+        return UNKNOWN_TEX if is_number and not column.upright else ""
+    if column.key == "unit":
+        return tex_unit(found.text)
+    return tex_number(found.text, found.half) if found.is_number else tex_head(found.text)
+
+
+def as_text(table: Table) -> str:
+    """Columns for a terminal, in ASCII, without the feet and the notes."""
+    lines = [[_headed(column) for column in table.shown], *(row_texts(table, row) for row in table.rows)]
+    widths = [max(len(line[place]) for line in lines) for place in range(len(table.shown))]
+    return "".join(f"{_aligned(table, line, widths)}\n" for line in lines)
+
+
+def row_texts(table: Table, row: Row) -> list[str]:
+    """The shown cells of a row."""
+    return [_text(cell(column, row)) for column in table.shown]
+
+
+def _aligned(table: Table, line: Sequence[str], widths: Sequence[int]) -> str:
+    placed = zip(line, widths, table.shown, strict=True)
+    return "  ".join(text.rjust(width) if column.key in table.numeric else text.ljust(width) for text, width, column in placed).rstrip()
+
+
+def _headed(column: Column) -> str:
+    over = f"{column.over}: " if column.over else ""
+    return f"{over}{column.title} ({column.unit})" if column.unit else f"{over}{column.title}"
+
+
+def _text(found: Cell) -> str:
+    return f"{found.text} +- {found.half}" if found.half else found.text

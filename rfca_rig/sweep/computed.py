@@ -1,0 +1,111 @@
+"""What one case computes, each thing once and only where an output asks for it."""
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.phases import TOUCHDOWN_LASTS_S
+from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.setup import set_up
+from rfca_rig.model.state import Chain
+from rfca_rig.model.stroke import SimulatedStroke, stroke_following
+from rfca_rig.sweep.design import Design
+
+Floats = NDArray[np.float64]
+
+BEFORE_S = 0.1
+SAMPLES_PER_S = 4000  # power and impulse are sums over these; ten times as many move them by less than 1 in 10 000
+VALLEY_EVERY = 4  # the valley is sought at 1 kHz, as `rfca-rig predict` does
+
+
+class Missing(Exception):
+    """An output that this case does not have; the text says why."""
+
+
+class Computed:
+    """One design, and its stroke once that is asked for."""
+
+    def __init__(self, design: Design) -> None:
+        self.design = design
+
+    @cached_property
+    def rig(self) -> RigModel:
+        """The model with strip and links in it."""
+        return self.design.model()
+
+    @cached_property
+    def motion(self) -> ShaftMotion:
+        """Rest, the drive's ramp, constant speed."""
+        return ramp_to_speed(self.rig.leg.start_angle_rad, self.design.speed_rad_s, self.rig.drive.ramp_s, self._end_s)
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The chain as it is simulated, effects included."""
+        return set_up(self.rig, self.design.height_m, self.motion).chain()
+
+    @property
+    def stroke(self) -> SimulatedStroke:
+        """From 0.1 s before the start to the end of the turn. Raises SimulationFailed, again each time."""
+        if isinstance(self._stroke, SimulationFailed):
+            raise self._stroke
+        return self._stroke
+
+    @cached_property
+    def _stroke(self) -> SimulatedStroke | SimulationFailed:
+        t_s = np.arange(-round(BEFORE_S * SAMPLES_PER_S), int(self._end_s * SAMPLES_PER_S) + 1, dtype=np.float64) / SAMPLES_PER_S
+        try:
+            return stroke_following(self.rig, self.design.height_m, self.motion, t_s)
+        except SimulationFailed as failed:
+            return failed
+
+    @property
+    def _end_s(self) -> float:
+        return self.design.turn_rad / self.design.speed_rad_s + 0.5 * self.rig.drive.ramp_s
+
+    @cached_property
+    def moving(self) -> slice:
+        """The samples from the start on."""
+        return slice(int(np.searchsorted(self.stroke.t_s, 0.0)), None)
+
+    @cached_property
+    def normal_N(self) -> Floats:
+        """(m,) what the ground bears, all link ends together."""
+        return np.asarray(self.stroke.normal_N.sum(axis=1))
+
+    @cached_property
+    def valley(self) -> Valley:
+        """The valley of fz. Raises Missing where there is none."""
+        if self.normal_N[0] > 0.0:
+            raise Missing("the leg lies on the ground before it starts")
+        found = find_valley(self.stroke.t_s[::VALLEY_EVERY], self.stroke.fz_N[::VALLEY_EVERY])
+        if not isinstance(found, Valley):
+            raise Missing(f"no valley: {found.reason}")
+        return found
+
+    @cached_property
+    def touchdown(self) -> int:
+        """The first sample in contact. Raises Missing where the leg touches nothing."""
+        if not self.normal_N.any():
+            raise Missing("the leg does not touch the ground")
+        return int((self.normal_N > 0.0).argmax())
+
+    @cached_property
+    def pressing(self) -> int:
+        """The sample of the greatest load while the leg presses: it touches, and touchdown, its first 30 ms, is over."""
+        stroke = self.stroke
+        pressed = (stroke.t_s >= stroke.t_s[self.touchdown] + TOUCHDOWN_LASTS_S) & (self.normal_N > 0.0)
+        if not pressed.any():
+            raise Missing(f"the leg does not press for longer than {1e3 * TOUCHDOWN_LASTS_S:.0f} ms")
+        return int(np.where(pressed, -stroke.fz_N, -np.inf).argmax())
+
+    def over_time(self, values: Floats) -> float:
+        """The integral of (m,) values over the stroke, from the start on.
+
+        A plain sum, because the rounding of a dot product may go with the number of threads.
+        """
+        moving, t_s = values[self.moving], self.stroke.t_s[self.moving]
+        return float(np.sum(0.5 * (moving[1:] + moving[:-1]) * np.diff(t_s)))

@@ -1,0 +1,76 @@
+"""What a sweep is, to the last digit: a folder goes on with the very same sweep only."""
+
+import hashlib
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rfca_rig import analysis, model, sweep
+from rfca_rig.crew.terms import facts_here, source_hash
+from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import FOLDER_VARIABLE
+from rfca_rig.recording.atomic import refusals, write_atomically
+from rfca_rig.sweep.plan import SweepPlan
+
+FORMAT = "rfca-sweep/1"
+FILE = "plan.json"
+MADE_WITH = "made_with"
+
+
+def document(plan: SweepPlan) -> dict[str, Any]:
+    """The plan with its model as plain data, and what computes it: an edited model gives other numbers."""
+    return {
+        "format": FORMAT,
+        "title": plan.title,
+        "model": asdict(plan.rig),
+        "fixed": dict(plan.fixed),
+        "grid": [{"name": axis.name, "values": list(axis.values)} for axis in plan.axes],
+        "samples": asdict(plan.samples) if plan.samples else None,
+        "outputs": [asked.header for asked in plan.outputs],
+        MADE_WITH: _made_with(),
+    }
+
+
+def as_text(plan: SweepPlan) -> str:
+    return json.dumps(document(plan), indent=1, ensure_ascii=False) + "\n"
+
+
+def digest(text: str) -> str:
+    """By which shards and results know the plan."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def settle(plan: SweepPlan, folder: Path) -> str:
+    """Makes `folder` that of the plan, or finds that it is; returns the plan's digest. Raises BadInput where it is another's."""
+    with refusals(folder, "the folder cannot be made"):
+        folder.mkdir(parents=True, exist_ok=True)
+    path, text = folder / FILE, as_text(plan)
+    if not path.exists():
+        if strangers := sorted(each.name for each in folder.iterdir()):
+            raise BadInput(f"{folder}: holds {strangers[0]}, which is of no sweep; give a new folder with --out")
+        write_atomically(path, text.encode())
+    elif (found := path.read_text("utf-8", errors="replace")) != text:
+        raise BadInput(f"{folder}: {_difference(found, document(plan))}; give a new folder with --out, or remove this one")
+    return digest(text)
+
+
+def _difference(found: str, wanted: dict[str, Any]) -> str:
+    try:
+        there = json.loads(found)
+        differing = [key.replace("_", " ") for key, value in json.loads(json.dumps(wanted)).items() if there.get(key) != value]
+    except (ValueError, AttributeError):
+        return f"{FILE} is damaged"
+    if differing == [MADE_WITH.replace("_", " ")]:
+        unlike = [name for name, value in wanted[MADE_WITH].items() if there[MADE_WITH].get(name) != value]
+        return f"its sweep was made with another {' and '.join(unlike)}, and results would not fit together"
+    return f"holds a sweep with another {' and '.join(name for name in differing if name != 'made with') or 'form'}"
+
+
+def _made_with() -> dict[str, str]:
+    facts = facts_here()
+    kept = {name: facts[name] for name in ("rfca_rig", "numpy", "scipy", "numba", "llvmlite")}
+    rooms = "".join(source_hash(Path(room.__path__[0])) for room in (model, analysis, sweep))
+    own = os.environ.get(FOLDER_VARIABLE)
+    return {**kept, "source": digest(rooms)[:12], "own effects": source_hash(Path(own)) if own else "none"}

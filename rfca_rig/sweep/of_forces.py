@@ -1,0 +1,54 @@
+"""Outputs that are forces of a stroke, in the sensor's axes and signs unless they say otherwise."""
+
+import numpy as np
+
+from rfca_rig.model.parameters import GRAVITY_M_S2
+from rfca_rig.sweep.computed import Computed
+
+
+def valley_time_s(case: Computed) -> float:
+    return case.valley.time_s
+
+
+def valley_fz_N(case: Computed) -> float:
+    return case.valley.fz_N
+
+
+def peak_force_N(case: Computed) -> float:
+    return float(np.hypot(case.stroke.fy_N, case.stroke.fz_N)[case.moving].max())
+
+
+def peak_moment_Nm(case: Computed) -> float:
+    return float(np.abs(case.stroke.tx_Nm[case.moving]).max())
+
+
+def peak_shaft_torque_Nm(case: Computed) -> float:
+    return float(np.abs(case.stroke.shaft_torque_Nm[case.moving]).max())
+
+
+def load_capacity_N(case: Computed) -> float:
+    return -float(case.stroke.fz_N[case.pressing])
+
+
+def load_capacity_kg(case: Computed) -> float:
+    return load_capacity_N(case) / GRAVITY_M_S2
+
+
+def driving_force_N(case: Computed) -> float:
+    return -float(case.stroke.fy_N[case.pressing])
+
+
+def impulse_Ns(case: Computed) -> float:
+    return case.over_time(case.normal_N)
+
+
+def driving_impulse_Ns(case: Computed) -> float:
+    return case.over_time(np.asarray(case.stroke.tangential_N.sum(axis=1)))
+
+
+def touchdown_s(case: Computed) -> float:
+    return float(case.stroke.t_s[case.touchdown])
+
+
+def contact_time_s(case: Computed) -> float:
+    return case.over_time(np.where(case.normal_N > 0.0, 1.0, 0.0))

@@ -1,0 +1,57 @@
+"""Outputs about hinges and strip, and at rest."""
+
+import numpy as np
+
+from rfca_rig.model.static_state import StaticState
+from rfca_rig.model.statics_contact import static_path
+from rfca_rig.sweep.computed import Computed, Missing
+
+
+def largest_hinge_angle_rad(case: Computed) -> float:
+    return float(np.abs(np.diff(case.stroke.q_rad[case.moving], axis=1)).max())
+
+
+def largest_hinge_angle_deg(case: Computed) -> float:
+    return float(np.degrees(largest_hinge_angle_rad(case)))
+
+
+def bend_deg(case: Computed) -> float:
+    q = case.stroke.q_rad[case.moving]
+    return float(np.degrees(np.abs(q[:, -1] - q[:, 0]).max()))
+
+
+def hinge_k0_Nm_per_rad(case: Computed) -> float:
+    return case.rig.leg.k0_Nm_per_rad
+
+
+def equivalent_stiffness_Nm_per_rad(case: Computed, angle_deg: float) -> float:
+    leg = case.rig.leg
+    return leg.k0_Nm_per_rad * (1.0 + 3.0 * leg.k2_per_rad2 * float(np.radians(angle_deg)) ** 2)
+
+
+def strip_used_pct(case: Computed) -> float:
+    return 100.0 * largest_hinge_angle_rad(case) / case.design.cell_m() / case.design.strip.breaking_curvature_per_m
+
+
+def strip_used_short_pct(case: Computed) -> float:
+    length_m = case.design.strip.bending_stiffness_Nm2 / case.rig.leg.k0_Nm_per_rad
+    return 100.0 * largest_hinge_angle_rad(case) / length_m / case.design.strip.breaking_curvature_per_m
+
+
+def strip_used_torque_pct(case: Computed) -> float:
+    leg, phi = case.rig.leg, largest_hinge_angle_rad(case)
+    return 100.0 * leg.k0_Nm_per_rad * (phi + leg.k2_per_rad2 * phi**3) / case.design.strip.breaking_moment_Nm
+
+
+def static_torque_Nm(case: Computed, angle_deg: float) -> float:
+    return _at_rest(case, angle_deg).shaft_torque_Nm
+
+
+def static_load_N(case: Computed, angle_deg: float) -> float:
+    return -_at_rest(case, angle_deg).fz_N
+
+
+def _at_rest(case: Computed, angle_deg: float) -> StaticState:
+    if case.rig.effects:
+        raise Missing(f"statics know the plain leg only, not effect {case.rig.effects[0].id}")
+    return static_path(case.rig, case.design.height_m, [float(np.radians(angle_deg))])[-1]

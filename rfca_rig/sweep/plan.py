@@ -1,0 +1,120 @@
+"""A sweep as data: what is varied over which values, what is put out, and the design of every case by its number."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from math import prod
+
+import numpy as np
+
+from rfca_rig.errors import BadInput
+from rfca_rig.model.parameters import PresentEffect, RigModel
+from rfca_rig.model.setup import resolved
+from rfca_rig.sweep.design import Design
+from rfca_rig.sweep.outputs import Asked
+from rfca_rig.sweep.quantities import Value, quantity
+from rfca_rig.sweep.samples import Samples, points
+
+MOST_CASES = 10_000_000
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A grid over one quantity; `log` where its steps are ratios, which only figures need to know."""
+
+    name: str
+    values: tuple[Value, ...]
+    log: bool = False
+
+
+def spaced(low: float, high: float, steps: int, log: bool) -> tuple[float, ...]:
+    """`steps` values, both ends included, cut to 12 digits so that a step of 0.1 leads to 0.3 and not to 0.30000000000000004."""
+    values = np.geomspace(low, high, steps) if log else np.linspace(low, high, steps)
+    return tuple(float(f"{value:.12g}") for value in values)
+
+
+@dataclass(frozen=True)
+class SweepPlan:
+    """Every combination of the `axes`' values with every point of the `samples`. `fixed` are set in all cases.
+
+    Case number i counts like the digits of a clock: samples run fastest, the first axis slowest. A plan travels to whoever computes
+    cases; points are drawn anew there from their seed.
+    """
+
+    title: str
+    rig: RigModel
+    fixed: tuple[tuple[str, Value], ...]
+    axes: tuple[Axis, ...]
+    samples: Samples | None
+    outputs: tuple[Asked, ...]
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """The names of what differs from case to case, in the order of the columns."""
+        return (*(axis.name for axis in self.axes), *(self.samples.names if self.samples else ()))
+
+    @cached_property
+    def count(self) -> int:
+        """How many cases there are."""
+        return prod(len(axis.values) for axis in self.axes) * (self.samples.n if self.samples else 1)
+
+    def point(self, case: int) -> tuple[Value, ...]:
+        """The values of what is varied, in the order of `varied`."""
+        sampled: tuple[Value, ...] = ()
+        if self.samples:
+            case, row = divmod(case, self.samples.n)
+            sampled = tuple(map(float, points(self.samples)[row]))
+        on_grid: list[Value] = []
+        for axis in reversed(self.axes):
+            case, place = divmod(case, len(axis.values))
+            on_grid.append(axis.values[place])
+        return (*reversed(on_grid), *sampled)
+
+    def design(self, case: int) -> Design:
+        """What the case simulates."""
+        design = Design(self.rig)
+        for name, value in (*self.fixed, *zip(self.varied, self.point(case), strict=True)):
+            design = quantity(name).write(design, value)
+        return design
+
+
+def checked_plan(plan: SweepPlan) -> SweepPlan:
+    """The plan, once it is known that every value can be. Raises BadInput."""
+    if not plan.varied:
+        raise BadInput('nothing is varied; name what, as in --vary height_mm=195:255:13, or in the file with [[vary]] name = "height_mm"')
+    if plan.count > MOST_CASES:
+        raise BadInput(f"{plan.count} cases: at most {MOST_CASES} in one sweep; take fewer values")
+    _check_names((*(name for name, _ in plan.fixed), *plan.varied))
+    for name, value in plan.fixed:
+        _check_value(name, value)
+    for axis in plan.axes:
+        for value in axis.values:
+            _check_value(axis.name, value)
+    for each in plan.samples.ranges if plan.samples else ():
+        for value in (each.low, each.high):
+            _check_value(each.name, value)
+    for present in plan.design(0).rig.effects:
+        _check_effect(present)
+    return plan
+
+
+def _check_names(names: Iterable[str]) -> None:
+    setting: dict[str, str] = {}
+    for name in names:
+        what = quantity(name).sets or quantity(name).name
+        if what in setting:
+            raise BadInput(f"{name} is set twice" if setting[what] == name else f"{setting[what]} and {name} set the same; leave one out")
+        setting[what] = name
+
+
+def _check_value(name: str, value: Value) -> None:
+    if (reason := quantity(name).why_not(value)) is not None:
+        raise BadInput(f"{name} = {value if isinstance(value, str) else f'{value:g}'}: {reason}")
+
+
+def _check_effect(present: PresentEffect) -> None:
+    """An effect of which only some parameters are set."""
+    try:
+        resolved(present)
+    except BadInput as error:
+        raise BadInput(f"{error}; set the others too, as in --set {present.id}.NAME=VALUE, or in the file under [fixed]") from None

@@ -1,0 +1,217 @@
+"""What a sweep can vary, by the name under which columns and files know it."""
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache, partial
+
+import numpy as np
+
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
+from rfca_rig.analysis.fitting.parameters import Parameter as Believed
+from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.effect import Parameter as OfEffect
+from rfca_rig.model.relinking import MOST_LINKS
+from rfca_rig.model.strip import table_1_materials
+from rfca_rig.sweep.design import Design, with_effect_value
+
+Value = float | str
+
+UNIT_WORDS = {"N m": "Nm", "1/": "per_", "/": "_per_", " ": "_"}
+HEIGHT = "height"  # of a fit: how much higher the rack stands; here the height itself is named, and its error is an effect
+
+BELIEVED = {
+    "k0": "stiffness of a straight hinge",
+    "k2": "hardening: torque is k0 (phi + k2 phi^3)",
+    "hinge_damping": "damping of each hinge",
+    "mass": "mass of the leg",
+    "link_radius": "radius of the circle at each link's end",
+    "friction": "Coulomb friction at the floor",
+    "contact_stiffness": "Hertz stiffness of the floor",
+    "contact_damping": "damping of the floor, per approach speed",
+    "presliding": "how far a sticking point yields before it slips",
+    "friction_lever": "lever of friction about a link's end",
+    "tangential_damping": "viscous share beside Coulomb friction",
+    "below_shaft": "how far the sensor sits below the shaft",
+    "ramp": "time in which the drive reaches its speed",
+    "start_angle": "where a stroke begins, below the horizontal",
+}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One thing that can be varied. `name` carries its unit; `why_not` says why a value cannot be; `choices` for one told in words.
+
+    `sets` is what it changes, where another name changes the same.
+    """
+
+    name: str
+    words: str
+    write: Callable[[Design, Value], Design]
+    why_not: Callable[[Value], str | None]
+    choices: tuple[str, ...] = ()
+    sets: str = ""
+
+
+def quantity(name: str) -> Quantity:
+    """The one of that name, also under its name in `fit` or in a model file. Raises BadInput for a name that is not known."""
+    known = quantities()
+    canonical = aliases().get(name, name)
+    if canonical not in known:
+        close = difflib.get_close_matches(name, [*known, *aliases()], n=1, cutoff=0.5)
+        hint = f"did you mean {close[0]}? " if close else ""
+        raise BadInput(f"{name!r} cannot be varied; {hint}rfca-rig sweep --list prints all that can")
+    return known[canonical]
+
+
+@cache
+def quantities() -> dict[str, Quantity]:
+    """All of them by name: the stroke, the strip, the links, what the model believes, effects."""
+    own = (*_of_the_stroke(), *_of_the_strip(), *_of_the_links())
+    believed = (_believed(parameter) for name, parameter in PARAMETERS.items() if name != HEIGHT)
+    effects = (_of_effect(id_, parameter) for id_, effect in sorted(catalogue().items()) for parameter in effect.parameters)
+    return {each.name: each for each in (*own, *believed, *effects)}
+
+
+@cache
+def aliases() -> dict[str, str]:
+    """The names that `fit` and model files have for the same, where they differ from those here."""
+    of_fit = {name: _with_unit(parameter) for name, parameter in PARAMETERS.items() if name != HEIGHT}
+    return of_fit | {"friction_coefficient": "friction"}
+
+
+def _of_the_stroke() -> tuple[Quantity, ...]:
+    return (
+        Quantity(
+            "height_mm",
+            "height of the shaft above the ground",
+            lambda at, x: replace(at, height_m=1e-3 * _number(x)),
+            _between(1.0, 1000.0),
+        ),
+        Quantity("speed_rad_s", "speed of the shaft", lambda at, x: replace(at, speed_rad_s=_number(x)), _between(0.01, 100.0)),
+        Quantity(
+            "turn_deg",
+            "how far the shaft turns in a stroke",
+            lambda at, x: replace(at, turn_rad=float(np.radians(_number(x)))),
+            _between(1.0, 330.0),
+        ),
+        Quantity(
+            "start_angle_rad", "where a stroke begins, below the horizontal", _start_angle_rad, _between(-np.pi, np.pi), sets="start_angle"
+        ),
+        Quantity("ramp_s", "time in which the drive reaches its speed", _ramp_s, _above_zero, sets="ramp"),
+    )
+
+
+def _of_the_strip() -> tuple[Quantity, ...]:
+    materials = tuple(material.name for material in table_1_materials())
+    return (
+        Quantity("strip.material", "material of the strips, of Table I", _material, partial(_one_of, materials), materials),
+        Quantity("strip.thickness_mm", "thickness of each strip", partial(_of_strip, "thickness_m"), _above_zero),
+        Quantity("strip.width_mm", "width of each strip", partial(_of_strip, "width_m"), _above_zero),
+    )
+
+
+def _of_the_links() -> tuple[Quantity, ...]:
+    return (
+        Quantity("links", "number of links, the leg's length, mass and strip as they are", _links, _whole_links),
+        Quantity(
+            "first_link_mm",
+            "length of the first link, the others sharing the rest",
+            lambda at, x: replace(at, first_link_m=1e-3 * _number(x)),
+            _above_zero,
+        ),
+    )
+
+
+def _believed(parameter: Believed) -> Quantity:
+    def write(at: Design, value: Value) -> Design:
+        return replace(at, rig=parameter.write(Supposed(at.rig), _number(value)).rig)
+
+    return Quantity(
+        _with_unit(parameter),
+        BELIEVED.get(parameter.name, parameter.name.replace("_", " ")),
+        write,
+        _limits_of(parameter),
+        sets=parameter.name,
+    )
+
+
+def _limits_of(parameter: Believed) -> Callable[[Value], str | None]:
+    if parameter.name == "start_angle":
+        return _between(-180.0, 180.0)
+    if parameter.name == "friction":
+        return _between(0.0, 5.0)
+    if parameter.name in ("k2", "hinge_damping", "contact_damping", "tangential_damping"):
+        return _not_negative
+    return _above_zero if parameter.relative else _finite
+
+
+def _of_effect(id_: str, parameter: OfEffect) -> Quantity:
+    return Quantity(
+        f"{id_}.{parameter.name}",
+        f"effect {id_.replace('_', ' ')}, plausible from {parameter.low:g} to {parameter.high:g}",
+        lambda at, x: replace(at, rig=with_effect_value(at.rig, id_, parameter.name, _number(x))),
+        lambda x: _finite(x) or parameter.why_not(_number(x)),
+    )
+
+
+def _with_unit(parameter: Believed) -> str:
+    """As model files have it: k0 in N m/rad is k0_Nm_per_rad, k2 in 1/rad2 is k2_per_rad2."""
+    unit = parameter.unit.replace("m1.5", "m1p5")
+    for written, named in UNIT_WORDS.items():
+        unit = unit.replace(written, named)
+    return f"{parameter.name}_{unit}" if unit else parameter.name
+
+
+def _start_angle_rad(at: Design, value: Value) -> Design:
+    return replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, start_angle_rad=_number(value))))
+
+
+def _ramp_s(at: Design, value: Value) -> Design:
+    return replace(at, rig=replace(at.rig, drive=replace(at.rig.drive, ramp_s=_number(value))))
+
+
+def _material(at: Design, value: Value) -> Design:
+    material = next(each for each in table_1_materials() if each.name == value)
+    return replace(at, strip=replace(at.strip, material=material))
+
+
+def _of_strip(field: str, at: Design, value: Value) -> Design:
+    metres = round(1e-3 * _number(value), 9)  # 0.8 mm is the paper's strip to the last bit
+    return replace(at, strip=replace(at.strip, thickness_m=metres) if field == "thickness_m" else replace(at.strip, width_m=metres))
+
+
+def _links(at: Design, value: Value) -> Design:
+    return replace(at, links=int(_number(value)))
+
+
+def _number(value: Value) -> float:
+    return float(value)
+
+
+def _finite(value: Value) -> str | None:
+    if isinstance(value, str):
+        return "must be a number"
+    return None if np.isfinite(value) else "must be a finite number"
+
+
+def _above_zero(value: Value) -> str | None:
+    return _finite(value) or (None if _number(value) > 0.0 else "must be above 0")
+
+
+def _not_negative(value: Value) -> str | None:
+    return _finite(value) or (None if _number(value) >= 0.0 else "must be 0 or more")
+
+
+def _between(low: float, high: float) -> Callable[[Value], str | None]:
+    return lambda value: _finite(value) or (None if low <= _number(value) <= high else f"must be {low:g} to {high:g}")
+
+
+def _whole_links(value: Value) -> str | None:
+    fits = _finite(value) is None and _number(value).is_integer() and 2 <= _number(value) <= MOST_LINKS
+    return None if fits else f"must be a whole number of 2 to {MOST_LINKS}"
+
+
+def _one_of(choices: tuple[str, ...], value: Value) -> str | None:
+    return None if value in choices else f"must be one of {', '.join(choices)}"

@@ -1,0 +1,121 @@
+"""A whole sweep as one table, and its two files: sweep.h5 and sweep.csv."""
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.errors import BadInput
+from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.recording.hdf5_file import being_made
+from rfca_rig.recording.steps import at_once
+from rfca_rig.sweep.cases import MISTAKE
+from rfca_rig.sweep.identity import FORMAT, as_text, digest
+from rfca_rig.sweep.plan import SweepPlan
+from rfca_rig.sweep.quantities import quantity
+
+Floats = NDArray[np.float64]
+Strings = NDArray[np.bytes_]
+
+H5, CSV = "sweep.h5", "sweep.csv"
+CASE, REMARK = "case", "remark"
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """`values` (cases, outputs) with NaN where there is none; `remarks` say why, "" for nothing to say."""
+
+    plan: SweepPlan
+    values: Floats
+    remarks: tuple[str, ...]
+
+    def varied(self, name: str) -> Floats | NDArray[np.str_]:
+        """(cases,) the values of what is varied, as text for what has names."""
+        place = self.plan.varied.index(name)
+        return np.array([self.plan.point(case)[place] for case in range(self.plan.count)])
+
+    def output(self, header: str) -> Floats:
+        """(cases,)"""
+        return np.asarray(self.values[:, [asked.header for asked in self.plan.outputs].index(header)])
+
+    @property
+    def failed(self) -> int:
+        """Cases of which nothing could be computed."""
+        return int(np.isnan(self.values).all(axis=1).sum())
+
+    @property
+    def incomplete(self) -> int:
+        """Cases that lack some output, but not all."""
+        return int(np.isnan(self.values).any(axis=1).sum()) - self.failed
+
+    @property
+    def mistakes(self) -> int:
+        """Cases that met a mistake of this program."""
+        return sum(MISTAKE in remark for remark in self.remarks)
+
+    def reasons(self) -> list[tuple[str, int]]:
+        """What the remarks say, most frequent first, numbers in them aside."""
+        counts: dict[str, int] = {}
+        for remark in self.remarks:
+            for reason in filter(None, remark.split("; ")):
+                key = _without_numbers(reason)
+                counts[key] = counts.get(key, 0) + 1
+        return sorted(counts.items(), key=lambda each: (-each[1], each[0]))
+
+
+def _without_numbers(text: str) -> str:
+    return " ".join("…" if any(sign.isdigit() for sign in word) else word for word in text.split())
+
+
+def write_result(result: SweepResult, folder: Path) -> None:
+    """Both files; the same result gives the same bytes. sweep.h5 comes last: where it stands, all is done. Raises RigError, DiskFull."""
+    write_atomically(folder / CSV, _csv(result).encode())
+    with being_made(folder / H5) as file:
+        root, plan = file.root, result.plan
+        root.attrs.update({"format": FORMAT, "title": plan.title, "plan": as_text(plan)})
+        columns: list[tuple[str, str, Any]] = [(name, quantity(name).words, result.varied(name)) for name in plan.varied]
+        columns += [(asked.header, f"{asked.words}: {asked.output.equation}", result.output(asked.header)) for asked in plan.outputs]
+        columns.append((REMARK, "why an output is missing", np.array(result.remarks)))
+        for name, words, values in columns:
+            data = np.array([each.encode() for each in values]) if values.dtype.kind == "U" else values
+            dataset = root.create_dataset(name, data=data, compression=1, shuffle=True)
+            dataset.attrs["long_name"] = words
+        file.check()
+        at_once(file.put_in_place())
+
+
+def read_result(plan: SweepPlan, folder: Path) -> SweepResult | None:
+    """What stands in the folder of a plan that was carried out; None where it was not. Raises BadInput for a damaged file."""
+    path = folder / H5
+    if not path.exists():
+        return None
+    try:
+        with h5py.File(path) as file:
+            if digest(file.attrs["plan"]) != digest(as_text(plan)):
+                raise BadInput(f"{path}: is of another sweep; give a new folder with --out")
+            values = np.stack([file[asked.header][()] for asked in plan.outputs], axis=1)
+            remarks = tuple(remark.decode() for remark in file[REMARK][()])
+    except (OSError, KeyError) as error:
+        raise BadInput(f"{path}: cannot be read ({' '.join(str(error).split())}); remove it, and the same command makes it again") from None
+    return SweepResult(plan, values, remarks)
+
+
+def _csv(result: SweepResult) -> str:
+    """A line for each case, numbers to the last digit, nothing where there is no value."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    plan = result.plan
+    writer.writerow([CASE, *plan.varied, *(asked.header for asked in plan.outputs), REMARK])
+    for case in range(plan.count):
+        values = ["" if np.isnan(value) else repr(float(value)) for value in result.values[case]]
+        writer.writerow([case, *map(_written, plan.point(case)), *values, result.remarks[case]])
+    return text.getvalue()
+
+
+def _written(value: float | str) -> str:
+    return value if isinstance(value, str) else repr(float(value)).removesuffix(".0")

@@ -1,0 +1,68 @@
+"""Points spread over ranges: Latin hypercube or Sobol, from a seed that is part of the plan."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Method = Literal["sobol", "latin hypercube"]
+METHODS: tuple[Method, ...] = ("sobol", "latin hypercube")
+
+
+@dataclass(frozen=True)
+class Range:
+    """Even from `low` to `high`, or with `log` even in the logarithm."""
+
+    name: str
+    low: float
+    high: float
+    log: bool = False
+
+
+@dataclass(frozen=True)
+class Samples:
+    """`n` points in all the `ranges` at once. The same seed gives the same points, on any machine."""
+
+    ranges: tuple[Range, ...]
+    method: Method
+    n: int
+    seed: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(each.name for each in self.ranges)
+
+
+def unbalanced(method: Method, n: int) -> str | None:
+    """Why a Sobol sequence should not be broken off after `n` points."""
+    if method != "sobol" or n.bit_count() == 1:
+        return None
+    below = 1 << (n.bit_length() - 1)
+    return f"n = {n}: Sobol points are balanced in powers of two only; take {below} or {2 * below}, or a latin hypercube"
+
+
+@cache
+def points(samples: Samples) -> Floats:
+    """(n, ranges)."""
+    unit = shares(samples)
+    columns = [_between(each, unit[:, place]) for place, each in enumerate(samples.ranges)]
+    return np.stack(columns, axis=1)
+
+
+@cache
+def shares(samples: Samples) -> Floats:
+    """(n, ranges) the same as shares of each range, 0 to 1, which is what is drawn."""
+    from scipy.stats import qmc  # noqa: PLC0415 - grids need not pay for it
+
+    dimensions, rng = len(samples.ranges), np.random.default_rng(samples.seed)
+    kind = qmc.Sobol if samples.method == "sobol" else qmc.LatinHypercube
+    return np.asarray(kind(dimensions, seed=rng).random(samples.n))
+
+
+def _between(over: Range, share: Floats) -> Floats:
+    if over.log:
+        return np.asarray(np.exp(np.log(over.low) + share * (np.log(over.high) - np.log(over.low))))
+    return over.low + share * (over.high - over.low)

@@ -1,0 +1,91 @@
+"""What was computed so far, on disk: an HDF5 file for each span of cases, either whole or not there.
+
+Which spans there are goes with how fast the cases were; what stands in their rows does not.
+"""
+
+import io
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from rfca_rig.errors import BadInput
+from rfca_rig.recording.atomic import GrowingFile, refusals, remove, write_atomically
+from rfca_rig.recording.run_lock import lock
+from rfca_rig.sweep.cases import LONGEST_REMARK, Rows, Span
+
+FOLDER, LOCK = "shards", "lock"
+TEXT = f"S{4 * LONGEST_REMARK}"
+
+
+class Shards:
+    """The shards of one plan, known by its digest, in `folder`/shards."""
+
+    def __init__(self, folder: Path, digest: str) -> None:
+        self.folder, self._digest = folder / FOLDER, digest
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Within it no other process writes here. Raises BadInput where one does."""
+        with refusals(self.folder, "the folder cannot be made"):
+            self.folder.mkdir(exist_ok=True)
+        file = GrowingFile(self.folder / LOCK)
+        lock(file)
+        try:
+            yield
+        finally:
+            file.close()
+
+    def write(self, span: Span, rows: Rows) -> None:
+        """Returns when they are on disk. Raises RigError, DiskFull."""
+        content = io.BytesIO()
+        with h5py.File(content, "w") as file:
+            file.attrs["plan"] = self._digest
+            file.create_dataset("values", data=rows.values)
+            file.create_dataset("remarks", data=np.array([remark.encode() for remark in rows.remarks], dtype=TEXT), compression=1)
+        write_atomically(self._path(span), content.getvalue())
+
+    def spans(self) -> list[Span]:
+        """Of all shards there are, in order."""
+        names = (path.stem.split("-") for path in self.folder.glob("cases-*.h5"))
+        return sorted((Span(int(first), int(last)) for _, first, last in names), key=lambda span: span.first)
+
+    def read(self, span: Span) -> Rows:
+        """Raises BadInput where the file is damaged, or of another plan."""
+        path = self._path(span)
+        try:
+            with h5py.File(path) as file:
+                digest, values = file.attrs["plan"], np.asarray(file["values"][()], dtype=np.float64)
+                remarks = tuple(remark.decode() for remark in file["remarks"][()])
+        except (OSError, KeyError, UnicodeDecodeError) as error:
+            raise BadInput(f"{path}: cannot be read ({' '.join(str(error).split())}); remove it, and its cases are computed anew") from None
+        if digest != self._digest or len(values) != len(span) != len(remarks):
+            raise BadInput(f"{path}: is of another sweep; remove it, and its cases are computed anew")
+        return Rows(values, remarks)
+
+    def clear(self) -> None:
+        """Takes all of them away, once their rows stand elsewhere."""
+        for path in self.folder.iterdir():
+            remove(path)
+        with refusals(self.folder, "cannot be removed"):
+            self.folder.rmdir()
+
+    def _path(self, span: Span) -> Path:
+        return self.folder / f"cases-{span.first:08d}-{span.last:08d}.h5"
+
+
+def missing(count: int, there: Iterable[Span]) -> list[Span]:
+    """What of `count` cases no span covers."""
+    gaps, at = [], 0
+    for span in there:
+        if span.first > at:
+            gaps.append(Span(at, span.first))
+        at = max(at, span.last)
+    return [*gaps, Span(at, count)] if at < count else gaps
+
+
+def cut(gaps: Iterable[Span], size: int) -> list[Span]:
+    """Spans of at most `size` cases."""
+    return [Span(first, min(first + size, gap.last)) for gap in gaps for first in range(gap.first, gap.last, size)]

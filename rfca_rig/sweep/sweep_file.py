@@ -1,0 +1,151 @@
+"""A sweep file (sweeps/*.toml): what is varied, over what, and what is put out."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+from pydantic import Field, model_validator
+
+from rfca_rig.description.sections import Section
+from rfca_rig.description.toml import place_of, read_toml
+from rfca_rig.description.toml_lines import Key
+from rfca_rig.errors import BadInput
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.sweep.outputs import DEFAULT, outputs_of
+from rfca_rig.sweep.plan import Axis, SweepPlan, checked_plan, spaced
+from rfca_rig.sweep.quantities import Value, quantity
+from rfca_rig.sweep.samples import Method, Range, Samples, unbalanced
+
+Made = TypeVar("Made")
+Steps = Annotated[int, Field(ge=2, le=100_000)]
+Fixed = dict[str, float | str | dict[str, float | str]]
+
+MOST_SAMPLES = 1_000_000
+
+
+class VarySection(Section):
+    """[[vary]]: one quantity over `values`, or over `steps` values between `from` and `to`, both included; `log` for equal ratios."""
+
+    name: str
+    values: Annotated[tuple[float | str, ...], Field(min_length=1, strict=False)] | None = None
+    from_: Annotated[float | None, Field(alias="from")] = None
+    to: float | None = None
+    steps: Steps | None = None
+    log: bool = False
+
+    @model_validator(mode="after")
+    def _one_way(self) -> "VarySection":
+        given = [each is not None for each in (self.from_, self.to, self.steps)]
+        if any(given) if self.values is not None else not all(given):
+            raise ValueError("takes either values, or all of from, to and steps")
+        if self.values is None:
+            _check_log(self.log, self.from_, self.to)
+        return self
+
+    def axis(self) -> Axis:
+        """The grid. Raises BadInput for a name that is not known."""
+        return Axis(quantity(self.name).name, self._values(), self.log)
+
+    def _values(self) -> tuple[Value, ...]:
+        if self.values is not None:
+            return self.values
+        assert self.from_ is not None and self.to is not None and self.steps is not None
+        return spaced(self.from_, self.to, self.steps, self.log)
+
+
+class RangeSection(Section):
+    """[[samples.vary]]: one quantity between `from` and `to`, evenly, or with `log` evenly in its logarithm."""
+
+    name: str
+    from_: Annotated[float, Field(alias="from")]
+    to: float
+    log: bool = False
+
+    @model_validator(mode="after")
+    def _ascending(self) -> "RangeSection":
+        if not self.from_ < self.to:
+            raise ValueError(f"from = {self.from_:g} must be below to = {self.to:g}")
+        _check_log(self.log, self.from_, self.to)
+        return self
+
+    def range(self) -> Range:
+        """Raises BadInput for a name that is not known."""
+        return Range(quantity(self.name).name, self.from_, self.to, self.log)
+
+
+class SamplesSection(Section):
+    """[samples]: `n` points of a Latin hypercube or of a Sobol sequence in all the ranges at once, drawn from `seed`."""
+
+    method: Method = "sobol"
+    n: Annotated[int, Field(ge=2, le=MOST_SAMPLES)]
+    seed: Annotated[int, Field(ge=0)]
+    vary: Annotated[tuple[RangeSection, ...], Field(min_length=1, strict=False)]
+
+    @model_validator(mode="after")
+    def _balanced(self) -> "SamplesSection":
+        if reason := unbalanced(self.method, self.n):
+            raise ValueError(reason)
+        return self
+
+
+class SweepFile(Section):
+    """A whole sweep file.
+
+    `rig` is a name in calibration/ or a rig file, `model` a model file; their paths count from this file's folder.
+    """
+
+    title: str
+    rig: str | None = None
+    model: str | None = None
+    outputs: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] = DEFAULT
+    fixed: Annotated[Fixed, Field(default_factory=dict)]
+    vary: Annotated[tuple[VarySection, ...], Field(strict=False)] = ()
+    samples: SamplesSection | None = None
+
+    @model_validator(mode="after")
+    def _one_model(self) -> "SweepFile":
+        if self.rig is not None and self.model is not None:
+            raise ValueError("rig and model are both given; name one of them")
+        return self
+
+
+def read_sweep(path: Path) -> SweepFile:
+    """The sweep in `path`; BadInput, with file and line, where it cannot be used."""
+    return read_toml(path, SweepFile)
+
+
+def plan_of(file: SweepFile, rig: RigModel, path: Path) -> SweepPlan:
+    """The plan of a file that was read from `path`. Raises BadInput, with the line of what does not fit."""
+    axes = tuple(_at(path, ("vary", place, "name"), section.axis) for place, section in enumerate(file.vary))
+    samples = None
+    if file.samples:
+        section = file.samples
+        ranges = tuple(_at(path, ("samples", "vary", place, "name"), each.range) for place, each in enumerate(section.vary))
+        samples = Samples(ranges, section.method, section.n, section.seed)
+    fixed = _at(path, ("fixed",), lambda: tuple((quantity(name).name, value) for name, value in flat(file.fixed)))
+    outputs = _at(path, ("outputs",), lambda: outputs_of(file.outputs))
+    try:
+        return checked_plan(SweepPlan(file.title, rig, fixed, axes, samples, outputs))
+    except BadInput as error:
+        raise BadInput(f"{path}: {error}") from None
+
+
+def flat(fixed: Fixed) -> list[tuple[str, Value]]:
+    """TOML reads strip.thickness_mm = 0.8 as a table in a table."""
+    found: list[tuple[str, Value]] = []
+    for name, value in fixed.items():
+        found += [(f"{name}.{inner}", each) for inner, each in value.items()] if isinstance(value, dict) else [(name, value)]
+    return found
+
+
+def _at(path: Path, key: Key, make: Callable[[], Made]) -> Made:
+    """What `make` makes of the file's `key`; what it refuses is told with the line of that."""
+    try:
+        return make()
+    except BadInput as error:
+        raise BadInput(f"{place_of(path, key)}: {error}") from None
+
+
+def _check_log(log: bool, low: float | None, high: float | None) -> None:
+    if log and (low is None or high is None or not min(low, high) > 0.0):
+        raise ValueError("log = true needs from and to above 0")

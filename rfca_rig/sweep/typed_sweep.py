@@ -1,0 +1,85 @@
+"""A sweep without a file: what stands behind --vary, --set and --samples on the command line."""
+
+from collections.abc import Sequence
+
+from rfca_rig.errors import BadInput
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.sweep.outputs import DEFAULT, outputs_of
+from rfca_rig.sweep.plan import Axis, SweepPlan, checked_plan, spaced
+from rfca_rig.sweep.quantities import Quantity, Value, quantity
+from rfca_rig.sweep.samples import METHODS, Method, Range, Samples, unbalanced
+
+LOG = "log"
+GRID = "NAME=FROM:TO:STEPS, NAME=FROM:TO:STEPS:log, or NAME=A,B,C"
+RANGE = "NAME=FROM:TO or NAME=FROM:TO:log"
+
+
+def typed_plan(
+    rig: RigModel, vary: Sequence[str], fixed: Sequence[str], outputs: str, samples: int | None, method: str, seed: int
+) -> SweepPlan:
+    """The plan of the options. Raises BadInput, naming the option."""
+    parts = [_parted("--vary", each) for each in vary]
+    ranges = [(varied, text) for varied, text in parts if text.removesuffix(f":{LOG}").count(":") == 1]
+    if bool(ranges) != (samples is not None):
+        raise BadInput(
+            f"--vary {ranges[0][0].name}={ranges[0][1]}: a range is for --samples N; for a grid say how many steps, {GRID}"
+            if ranges
+            else f"--samples {samples}: name the ranges to draw from, --vary {RANGE}"
+        )
+    axes = tuple(_axis(varied, text) for varied, text in parts if (varied, text) not in ranges)
+    drawn = None if samples is None else _samples([_range(varied, text) for varied, text in ranges], samples, method, seed)
+    names = outputs_of(outputs.split(",") if outputs else DEFAULT)
+    set_ = tuple((varied.name, _value(varied, text)) for varied, text in (_parted("--set", each) for each in fixed))
+    title = ", ".join(varied.name.replace("_", " ") for varied, _ in parts)
+    return checked_plan(SweepPlan(f"Sweep of {title}", rig, set_, axes, drawn, names))
+
+
+def _parted(option: str, text: str) -> tuple[Quantity, str]:
+    name, equals, value = text.partition("=")
+    if not equals or not value:
+        raise BadInput(f"{option} {text}: should be {GRID if option == '--vary' else 'NAME=VALUE'}")
+    return quantity(name.strip()), value.strip()
+
+
+def _axis(varied: Quantity, text: str) -> Axis:
+    if ":" not in text:
+        return Axis(varied.name, tuple(_value(varied, each) for each in text.split(",")))
+    numbers, log = _spaced(varied, text)
+    if len(numbers) != 3 or not (numbers[2].is_integer() and 2 <= numbers[2] <= 100_000):
+        raise BadInput(f"--vary {varied.name}={text}: should be {GRID}")
+    return Axis(varied.name, spaced(numbers[0], numbers[1], int(numbers[2]), log), log)
+
+
+def _range(varied: Quantity, text: str) -> Range:
+    (low, high), log = _spaced(varied, text)
+    if not low < high:
+        raise BadInput(f"--vary {varied.name}={text}: {low:g} must be below {high:g}")
+    return Range(varied.name, low, high, log)
+
+
+def _spaced(varied: Quantity, text: str) -> tuple[list[float], bool]:
+    log = text.endswith(f":{LOG}")
+    numbers = [_number(varied, each) for each in text.removesuffix(f":{LOG}").split(":")]
+    if log and not min(numbers[:2]) > 0.0:
+        raise BadInput(f"--vary {varied.name}={text}: equal ratios need both ends above 0")
+    return numbers, log
+
+
+def _samples(ranges: Sequence[Range], n: int, method: str, seed: int) -> Samples:
+    known: dict[str, Method] = {name.split(maxsplit=1)[0]: name for name in METHODS}
+    if method not in known:
+        raise BadInput(f"--method {method}: should be {' or '.join(known)}")
+    if reason := unbalanced(known[method], n):
+        raise BadInput(f"--samples: {reason.replace('a latin', '--method latin, a latin')}")
+    return Samples(tuple(ranges), known[method], n, seed)
+
+
+def _value(varied: Quantity, text: str) -> Value:
+    return text.strip() if varied.choices else _number(varied, text)
+
+
+def _number(varied: Quantity, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise BadInput(f"{varied.name}={text}: should be a number") from None

@@ -1,0 +1,80 @@
+"""How well the run is: what comes in, what is lost, how late whom is."""
+
+from collections import deque
+from collections.abc import Mapping
+from math import isnan
+from typing import Any
+
+from rfca_rig.drivers.roles import SensorScale
+from rfca_rig.protocol.plan import Limits
+from rfca_rig.view.messages import Health
+from rfca_rig.view.tick_block import SeenTicks
+
+RATE_OVER_S = 1.0
+LEAST_OF_RATE = 0.9
+GAP_SHARE = 0.5  # of what the loop may be late
+BACKLOG_MB = 1.0
+DELAY_MS = 200.0
+
+
+class LiveHealth:
+    """Counts over the last second, and what the run tells of its devices."""
+
+    def __init__(self, limits: Limits, scale: SensorScale) -> None:
+        self._limits = limits
+        self._scale = scale
+        self._counted: deque[tuple[float, int]] = deque()
+        self._vitals: Mapping[str, Any] = {}
+        self._last: SeenTicks | None = None
+        self._delays_s: deque[tuple[float, float]] = deque()
+
+    def take(self, ticks: SeenTicks) -> None:
+        """Some ticks in a row."""
+        self._last = ticks
+        self._counted.append((float(ticks.now_s[-1]), len(ticks.counts)))
+        while self._counted[0][0] < ticks.now_s[-1] - RATE_OVER_S:
+            self._counted.popleft()
+
+    def vitals(self, said: Mapping[str, Any]) -> None:
+        """What the run said of sensor and recorder."""
+        self._vitals = said
+
+    def delay(self, wall_s: float, oldest_s: float) -> None:
+        """It was looked, and the oldest tick that waited had been handed over then; infinity where none waited."""
+        if oldest_s < wall_s:
+            self._delays_s.append((wall_s, wall_s - oldest_s))
+        while self._delays_s and self._delays_s[0][0] < wall_s - RATE_OVER_S:
+            self._delays_s.popleft()
+
+    def told(self) -> list[Health]:
+        ticks = self._last
+        return [] if ticks is None else [self._rate(), *self._stream(), *self._loop(ticks), *self._view(ticks.lost)]
+
+    def _rate(self) -> Health:
+        elapsed_s = self._counted[-1][0] - self._counted[0][0]
+        rate_Hz = sum(count for _, count in list(self._counted)[1:]) / elapsed_s if elapsed_s > 0.0 else 0.0
+        return Health("force records", f"{rate_Hz:.0f}/s", rate_Hz >= LEAST_OF_RATE * self._scale.rate_Hz)
+
+    def _stream(self) -> list[Health]:
+        health = self._vitals.get("health", {})
+        lost, faulty = health.get("lost", 0), health.get("malformed", 0) + health.get("faulty_status", 0)
+        notes = "; ".join(health.get("notes", ()))
+        status = notes or ("healthy" if not faulty else f"{faulty} bad records")
+        return [Health("records lost", str(lost), lost == 0), Health("sensor", status, not notes and not faulty)]
+
+    def _loop(self, ticks: SeenTicks) -> list[Health]:
+        limits, gap_s, warmth_C = self._limits, float(ticks.worst_gap_s[-1]), float(ticks.temperature_C[-1])
+        backlog_MB = 1e-6 * self._vitals.get("backlog_bytes", 0)
+        warm = [] if isnan(warmth_C) else [warmth_C]
+        return [
+            Health("worst loop gap", f"{1e3 * gap_s:.1f} ms", gap_s < GAP_SHARE * limits.late_s),
+            *(Health("drive", f"{warmth_C:.0f} degC", warmth_C < 0.9 * limits.temperature_C) for warmth_C in warm),
+            Health("recorder behind", f"{backlog_MB:.2f} MB", backlog_MB < BACKLOG_MB),
+        ]
+
+    def _view(self, lost: int) -> list[Health]:
+        delay_ms = 1e3 * max((delay_s for _, delay_s in self._delays_s), default=0.0)
+        return [
+            Health("lost to the view", f"{lost} records", lost == 0),
+            Health("delay of the view", f"{delay_ms:.0f} ms", delay_ms < DELAY_MS),
+        ]

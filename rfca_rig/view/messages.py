@@ -1,0 +1,90 @@
+"""The words between server and page, apart from who says them."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from math import isnan
+from typing import Any
+
+import numpy as np
+
+from rfca_rig.view.decimation import Extrema, Floats
+from rfca_rig.view.progress import Listed
+
+Message = Mapping[str, Any]
+SPAN_S = 8.0
+DOCS = "/trips/{code}"
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One trace of the page, in the unit that it is drawn in. `decimals` are fewer than any sensor has noise in."""
+
+    name: str
+    label: str
+    unit: str
+    plot: str
+    decimals: int = 4
+
+
+WRENCH = (
+    *(Channel(f"f{axis}_N", f"f{axis}", "N", "force") for axis in "xyz"),
+    *(Channel(f"t{axis}_Nm", f"t{axis}", "N m", "moment", 5) for axis in "xyz"),
+)
+SHAFT = (Channel("shaft_angle_deg", "shaft", "deg", "angle", 3), Channel("shaft_speed_rad_s", "speed", "rad/s", "speed"))
+CHANNELS = (*WRENCH, *SHAFT)
+
+
+def hanging_deg(angle_rad: Floats) -> Floats:
+    """The shaft's angle for a trace: from where the leg hangs down, within half a turn of that."""
+    return np.asarray((np.degrees(angle_rad) + 90.0) % 360.0 - 180.0)
+
+
+def hello(
+    title: str,
+    mark: str,
+    stages: Iterable[Listed],
+    limits: Sequence[Mapping[str, object]],
+    leg: Mapping[str, object] | None,
+    duration_s: float | None = None,
+    channels: Sequence[Channel] = CHANNELS,
+) -> Message:
+    """The first message. A recording has a duration, a run that goes on has none."""
+    is_live = duration_s is None
+    return {
+        "kind": "hello",
+        "title": title,
+        "mark": mark,
+        "mode": "live" if is_live else "replay",
+        "can_stop": is_live,
+        "span_s": SPAN_S,
+        "channels": [{"name": one.name, "label": one.label, "unit": one.unit, "plot": one.plot} for one in channels],
+        "stages": [asdict(stage) for stage in stages],
+        "limits": list(limits),
+        "leg": leg,
+        "duration_s": duration_s,
+        "docs": DOCS,
+    }
+
+
+def trace(dt_s: float, first: int, extrema: Extrema, is_reset: bool, channels: Sequence[Channel] = CHANNELS) -> Message:
+    """Buckets in a row; the first begins at first * dt_s."""
+    sides = {"low": extrema.low, "high": extrema.high}
+    drawn = {
+        side: {channel.name: _drawn(values[:, place], channel.decimals) for place, channel in enumerate(channels)}
+        for side, values in sides.items()
+    }
+    return {"kind": "trace", "dt_s": dt_s, "from_s": first * dt_s, **({"reset": True} if is_reset else {}), **drawn}
+
+
+def _drawn(values: Floats, decimals: int) -> list[float | None]:
+    rounded = np.round(values, decimals).tolist()
+    return [None if isnan(value) else value for value in rounded] if np.isnan(values).any() else rounded
+
+
+@dataclass(frozen=True)
+class Health:
+    """One line of how everything is."""
+
+    name: str
+    value: str
+    is_good: bool

@@ -1,0 +1,80 @@
+"""What a time line of clips shows at a time, and in a window before it."""
+
+from bisect import bisect_right
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rfca_rig.view.clip import Clip, Samples
+from rfca_rig.view.decimation import Extrema, Floats
+from rfca_rig.view.legs import Legs, Moment
+from rfca_rig.view.messages import CHANNELS, Message
+
+KEPT_BYTES = 200 << 20
+LATELY_S = 0.2
+
+
+class Player:
+    """Loads samples as they are looked at, and keeps those looked at last."""
+
+    def __init__(self, clips: Sequence[Clip], legs: Legs) -> None:
+        self.clips = clips
+        self.duration_s = clips[-1].end_s if clips else 0.0
+        self._legs = legs
+        self._begins_s = [clip.begin_s for clip in clips]
+        self._loaded: OrderedDict[int, Samples] = OrderedDict()
+
+    def _samples(self, place: int) -> Samples:
+        if place in self._loaded:
+            self._loaded.move_to_end(place)
+            return self._loaded[place]
+        samples = self._loaded[place] = self.clips[place].load()
+        while len(self._loaded) > 1 and sum(kept.nbytes for kept in self._loaded.values()) > KEPT_BYTES:
+            self._loaded.popitem(last=False)
+        return samples
+
+    def place_at(self, at_s: float) -> int:
+        """Of the clip that is played then, or was last."""
+        return max(bisect_right(self._begins_s, at_s) - 1, 0)
+
+    def extrema(self, dt_s: float, first: int, count: int) -> Extrema:
+        """In `count` buckets, the first of which begins at first * dt_s."""
+        found = Extrema.none(count, len(CHANNELS))
+        begin_s, end_s = first * dt_s, (first + count) * dt_s
+        for place in range(self.place_at(begin_s), self.place_at(end_s) + 1):
+            clip = self.clips[place]
+            if clip.begin_s < end_s and clip.end_s >= begin_s:
+                part = self._samples(place).extrema(clip.begin_s, dt_s, first, count)
+                found = Extrema(np.fmin(found.low, part.low), np.fmax(found.high, part.high))
+        return found
+
+    def leg(self, at_s: float) -> Message | None:
+        """As it is bent then."""
+        clip, samples, t_s = self._at(at_s)
+        shaft_rad = samples.shaft_at(t_s)
+        if shaft_rad is None:
+            return None
+        planned_rad = None if clip.planned_rad is None else clip.planned_rad(t_s - clip.rest_s)
+        fy_N, fz_N = samples.value_at("fy_N", t_s), samples.value_at("fz_N", t_s)
+        force_N = None if fy_N is None or fz_N is None else (fy_N, fz_N)
+        return self._legs.message(Moment(clip.scene, shaft_rad, planned_rad, clip.hinge_deg, force_N))
+
+    def _at(self, at_s: float) -> tuple[Clip, Samples, float]:
+        """The clip, its samples, and the time since its first."""
+        place = self.place_at(at_s)
+        clip = self.clips[place]
+        return clip, self._samples(place), min(at_s - clip.begin_s, clip.duration_s)
+
+    def loads(self, at_s: float) -> tuple[Floats, Floats]:
+        """Force [N] and moment [N m] (2,): the largest lately, and the largest since the stage began."""
+        _, samples, t_s = self._at(at_s)
+        before = samples.sizes[: int(np.searchsorted(samples.sizes[:, 0], t_s, side="right"))]
+        lately = before[min(int(np.searchsorted(before[:, 0], t_s - LATELY_S)), max(len(before) - 1, 0)) :]
+        return lately[:, 1:].max(axis=0, initial=0.0), before[:, 1:].max(axis=0, initial=0.0)
+
+    def channels(self) -> Mapping[str, bool]:
+        """Which channels were recorded at all, as far as the first clip of each kind tells."""
+        places = {self.clips[place].kind: place for place in reversed(range(len(self.clips)))}.values()
+        recorded = {place for clip in places for track in self._samples(clip).tracks for place in track.places}
+        return {channel.name: place in recorded for place, channel in enumerate(CHANNELS)}

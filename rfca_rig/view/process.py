@@ -1,0 +1,102 @@
+"""The process that shows a run while it goes on. The control loop neither waits for it nor misses it.
+
+It outlives the run as long as a page is open, so that the operator sees how the run ended, and a while longer for a page that is opened
+late or loaded again.
+"""
+
+import asyncio
+import os
+import signal
+import socket
+import sys
+import threading
+from multiprocessing.connection import Connection
+
+from rfca_rig.clock import WallClock
+from rfca_rig.errors import RigError
+from rfca_rig.recording.block_queue import BlockQueue
+from rfca_rig.view.assignment import FAILED, READY, Assignment
+from rfca_rig.view.legs import Legs
+from rfca_rig.view.live_feed import LiveRun
+from rfca_rig.view.live_source import LiveSource
+from rfca_rig.view.server import Pages
+from rfca_rig.view.serving import bound, port_of, serve
+
+DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
+NICE = 5  # the loop comes first
+LINGERS_S = 60.0
+LONGEST_S = 12 * 3600.0  # after the run; a page that was forgotten keeps no process for ever
+
+
+def show(parent: Connection) -> None:
+    """Takes its assignment from the parent, says (READY, port) or (FAILED, why), and shows the run, until a while after the parent left."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    assignment: Assignment = parent.recv()
+    try:
+        listening = bound(assignment.port)
+        queue = BlockQueue.attach(assignment.queue_name)
+    except RigError as error:
+        parent.send((FAILED, str(error)))
+        return
+    _stand_back()
+    parent.send((READY, port_of(listening)))
+    legs = Legs(assignment.facts.believed)
+    threading.Thread(target=legs.prepare, args=(assignment.facts.scenes,), daemon=True).start()
+    run = LiveRun(LiveSource(assignment.facts, queue, assignment.clock, legs))
+    try:
+        asyncio.run(_serve(run, assignment, parent, listening))
+    finally:
+        queue.close()
+
+
+def _stand_back() -> None:
+    """Behind the loop, and with nothing to say on a terminal that the run's command may have left long ago."""
+    os.nice(NICE)
+    if os.environ.get(DEBUG_VARIABLE):
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+        os.dup2(nowhere, stream.fileno())
+
+
+async def _serve(run: LiveRun, assignment: Assignment, parent: Connection, listening: socket.socket) -> None:
+    patience = Patience(assignment.clock)
+    loop = asyncio.get_running_loop()
+
+    def gone() -> None:
+        loop.remove_reader(parent.fileno())
+        run.gone()
+        patience.run_is_over()
+
+    def beat(pages: Pages) -> bool:
+        run.beat()
+        return patience.goes_on(pages.open)
+
+    loop.add_reader(parent.fileno(), gone)
+    await serve(run, assignment.token, listening, asyncio.Event(), beat)
+
+
+class Patience:
+    """How long a view stays when its run is over."""
+
+    def __init__(self, clock: WallClock) -> None:
+        self._clock = clock
+        self._over_s: float | None = None
+        self._last_seen_s = clock.now_s()
+
+    def run_is_over(self) -> None:
+        self._over_s = self._last_seen_s = self._clock.now_s()
+
+    def goes_on(self, open_pages: int) -> bool:
+        """Asked at every beat."""
+        if self._over_s is None:
+            return True
+        now_s = self._clock.now_s()
+        self._last_seen_s = now_s if open_pages else self._last_seen_s
+        return now_s - self._last_seen_s < LINGERS_S and now_s - self._over_s < LONGEST_S
+
+
+if __name__ == "__main__":
+    with Connection(int(sys.argv[1])) as parent:
+        show(parent)

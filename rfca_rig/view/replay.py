@@ -1,0 +1,184 @@
+"""A recording played on the same page as a run: forwards at any speed, from any place."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from math import floor
+from typing import Any
+
+from rfca_rig.clock import Clock
+from rfca_rig.protocol.plan import Limits
+from rfca_rig.trip_codes import Trip
+from rfca_rig.view.gauges import Gauge
+from rfca_rig.view.legs import Legs
+from rfca_rig.view.messages import CHANNELS, SPAN_S, Health, Message, hello, trace
+from rfca_rig.view.page_feed import BEATS_HZ, SHORTEST_SPAN_S, STATES_HZ, Feed, number_in
+from rfca_rig.view.player import Player
+from rfca_rig.view.progress import Listed
+from rfca_rig.view.pyramid import ACROSS
+from rfca_rig.view.stored_stages import Stored
+from rfca_rig.view.time_line import plan_in, time_line
+
+LONGEST_SPAN_S = 60.0
+FASTEST = 100.0
+STATE_EVERY = round(BEATS_HZ / STATES_HZ)
+TOLD = {"sensor_records": "sensor records", "worst_loop_gap_ms": "worst loop gap, ms", "tare_drift": "tare drift"}
+
+
+class Replay:
+    """Implements `page_feed.Source` for a recording. Every page plays it for itself."""
+
+    def __init__(self, stored: Stored, legs: Legs, clock: Clock) -> None:
+        self._stored = stored
+        self._legs = legs
+        self._clock = clock
+        plan = plan_in(stored)
+        self._limits = plan.limits if plan else None
+        self.player = Player(time_line(stored, legs.start_rad, legs.ramp_s), legs)
+
+    def hello(self) -> Message:
+        recorded = self.player.channels()
+        channels = [channel for channel in CHANNELS if recorded[channel.name]]
+        stages = [Listed(clip.label, clip.kind, round(clip.duration_s, 4)) for clip in self.player.clips]
+        limits = [] if self._limits is None else [_listed(gauge) for gauge in gauges(self._limits)]
+        return hello(self._stored.title, self._stored.source, stages, limits, self._legs.described, self.player.duration_s, channels)
+
+    def feed(self) -> Feed:
+        return ReplayFeed(self.player, self._limits, self._health(), self._ending(), self._clock)
+
+    def stop(self, how: str) -> bool:
+        """What is recorded cannot be stopped any more."""
+        del how
+        return False
+
+    def _health(self) -> list[Health]:
+        """How the run was, as its recording says."""
+        known, why = self._stored.provenance, self._why()
+        lines = [_health_line(shown, known[name]) for name, shown in TOLD.items() if name in known]
+        return [*lines, *([] if why is None else [Health("ended", why, why == "done")])]
+
+    def _why(self) -> str | None:
+        known = self._stored.provenance
+        return known.get("ended", known.get("interrupted"))
+
+    def _ending(self) -> Mapping[str, Any]:
+        why, reason = self._why(), self._stored.provenance.get("reason", "")
+        tripped = reason in set(Trip)
+        return {"ended": why or "the recording ends here", "trip": {"code": reason, "text": why} if tripped else None}
+
+
+def _health_line(name: str, text: str) -> Health:
+    """Counts of what went wrong are told where there are any."""
+    said = [part for part in text.split(", ") if not part.startswith("0 ")]
+    return Health(name, ", ".join(said), name != TOLD["sensor_records"] or len(said) == 1)
+
+
+def gauges(limits: Limits) -> tuple[Gauge, Gauge]:
+    """Those that a recording can tell of."""
+    return Gauge("force", "N", Trip.FORCE, limits.force_N), Gauge("moment", "N m", Trip.MOMENT, limits.torque_Nm)
+
+
+def _listed(gauge: Gauge) -> dict[str, object]:
+    return {"name": gauge.name, "unit": gauge.unit, "limit": round(gauge.limit, 4), "code": str(gauge.code)}
+
+
+class ReplayFeed:
+    """Implements `page_feed.Feed`; begins to play at once."""
+
+    def __init__(self, player: Player, limits: Limits | None, health: Sequence[Health], ending: Mapping[str, Any], clock: Clock) -> None:
+        self._player = player
+        self._limits = limits
+        self._health = [asdict(line) for line in health]
+        self._ending = ending
+        self._clock = clock
+        self._played_s = clock.now_s()
+        self._speed = 1.0
+        self._at_s = 0.0
+        self._beats = 0
+        self._show(SPAN_S)
+
+    def _show(self, span_s: float) -> None:
+        self._span_s = min(max(span_s, SHORTEST_SPAN_S), LONGEST_SPAN_S)
+        self._dt_s = self._span_s / ACROSS
+        self._sent: int | None = None
+        self._beats = 0
+
+    def hear(self, said: Mapping[str, Any]) -> None:
+        self._play()
+        match said.get("kind"):
+            case "seek" if (at_s := number_in(said, "at_s")) is not None:
+                self._at_s = min(max(at_s, 0.0), self._player.duration_s)
+                self._show(self._span_s)
+            case "play" if (speed := number_in(said, "speed")) is not None:
+                self._speed = min(max(speed, 0.0), FASTEST)
+                self._beats = 0
+            case "span" if (span_s := number_in(said, "span_s")) is not None:
+                self._show(span_s)
+
+    def _play(self) -> None:
+        now_s = self._clock.now_s()
+        self._at_s = min(self._at_s + self._speed * (now_s - self._played_s), self._player.duration_s)
+        self._played_s = now_s
+
+    def news(self) -> Sequence[Message]:
+        self._play()
+        if not self._player.clips:
+            return [self._state()] if self._is_due() else []
+        traced, leg = self._trace(), self._player.leg(self._at_s)
+        return [*([traced] if traced else []), *([leg] if leg else []), *([self._state()] if self._is_due() else [])]
+
+    def _is_due(self) -> bool:
+        self._beats += 1
+        return self._beats % STATE_EVERY == 1
+
+    def _buckets(self) -> int:
+        """Those that are over; at the end of the recording the last one, too."""
+        is_at_end = self._at_s >= self._player.duration_s
+        return floor(self._at_s / self._dt_s) + 1 if is_at_end else floor(self._at_s / self._dt_s)
+
+    def _trace(self) -> Message | None:
+        end = self._buckets()
+        is_reset = self._sent is None or end - self._sent > ACROSS
+        begin = max(end - ACROSS, 0) if self._sent is None or is_reset else self._sent
+        if begin == end and not is_reset:
+            return None
+        self._sent = end
+        return trace(self._dt_s, begin, self._player.extrema(self._dt_s, begin, end - begin), is_reset)
+
+    def _state(self) -> Message:
+        player = self._player
+        done = self._at_s / player.duration_s if player.duration_s else 1.0
+        is_at_end = self._at_s >= player.duration_s
+        left_s = (player.duration_s - self._at_s) / self._speed if self._speed else None
+        about = {"ended": None, "trip": None} if not is_at_end else self._ending
+        return {
+            "kind": "state",
+            "now_s": round(self._at_s, 4),
+            **self._stage(),
+            "done": round(done, 4),
+            "eta_s": None if left_s is None else round(left_s, 1),
+            "limits": self._told(),
+            "health": self._health,
+            "said": [],
+            "speed": self._speed,
+            "stop_asked": None,
+            **about,
+        }
+
+    def _stage(self) -> dict[str, Any]:
+        if not self._player.clips:
+            return {"stage": -1, "stage_label": "nothing was recorded", "stage_done": 0.0}
+        place = self._player.place_at(self._at_s)
+        clip = self._player.clips[place]
+        done = min((self._at_s - clip.begin_s) / clip.duration_s, 1.0) if clip.duration_s else 1.0
+        return {"stage": place, "stage_label": clip.label, "stage_done": round(done, 4)}
+
+    def _told(self) -> dict[str, Any]:
+        if self._limits is None or not self._player.clips:
+            return {}
+        told = {}
+        for gauge, value, peak in zip(gauges(self._limits), *self._player.loads(self._at_s), strict=True):
+            gauge.show(float(peak))
+            gauge.is_told = True
+            gauge.show(float(value))
+            told[gauge.name] = gauge.told()
+        return told

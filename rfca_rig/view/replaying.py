@@ -1,0 +1,31 @@
+"""A recording served to the browser, by the command that was typed, until it is interrupted."""
+
+import asyncio
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from rfca_rig.clock import WallClock
+from rfca_rig.errors import BadInput
+from rfca_rig.view.access_token import new_token
+from rfca_rig.view.legs import Legs
+from rfca_rig.view.live_view import url_of
+from rfca_rig.view.replay import Replay
+from rfca_rig.view.serving import bound, port_of, serve
+from rfca_rig.view.stored_stages import stored_at
+
+
+def replay(path: Path, port: int, ready: Callable[[str], None]) -> None:
+    """Serves until the process is interrupted; `ready` is told the address to open.
+
+    Raises BadInput where there is no recording, none with anything to play, or for a port that is taken.
+    """
+    stored = stored_at(path)
+    legs = Legs(stored.believed)
+    source = Replay(stored, legs, WallClock())
+    if not source.player.clips:
+        raise BadInput(f"{path}: holds neither strokes nor static stages, so there is nothing to view")
+    listening, token = bound(port), new_token()
+    ready(url_of(port_of(listening), token))
+    threading.Thread(target=legs.prepare, args=([clip.scene for clip in source.player.clips],), daemon=True).start()
+    asyncio.run(serve(source, token, listening, asyncio.Event(), lambda _pages: True))

@@ -1,0 +1,143 @@
+"""The view as a web application: a page, a stream of messages for it, and a way to ask for a stop."""
+
+import asyncio
+import json
+import mimetypes
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from rfca_rig.trip_codes import Trip
+from rfca_rig.view.admission import POLICY, Admission
+from rfca_rig.view.messages import Message
+from rfca_rig.view.page_feed import Feed, Source
+
+STATIC = Path(__file__).with_name("static")
+TRIPS = (Path(__file__).parents[2] / "docs" / "trips", Path(__file__).parents[1] / "shipped" / "docs" / "trips")
+MOST_PAGES = 12
+TRY_LATER = 1013  # websocket
+LARGEST_BODY = 1000
+
+
+class Beats:
+    """What every page waits for."""
+
+    def __init__(self) -> None:
+        self._next = asyncio.Event()
+
+    def strike(self) -> None:
+        """News for all pages."""
+        struck, self._next = self._next, asyncio.Event()
+        struck.set()
+
+    async def heard(self) -> None:
+        """Returns at the next one."""
+        await self._next.wait()
+
+
+class Pages:
+    """Those that are open."""
+
+    def __init__(self, source: Source, beats: Beats) -> None:
+        self._source = source
+        self._beats = beats
+        self.open = 0
+
+    async def stream(self, socket: WebSocket) -> None:
+        """One page, until it is closed."""
+        if self.open >= MOST_PAGES:
+            await socket.close(TRY_LATER, f"{MOST_PAGES} pages are open already")
+            return
+        await socket.accept()
+        self.open += 1
+        try:
+            await self._serve(socket)
+        except WebSocketDisconnect:
+            return
+        finally:
+            self.open -= 1
+
+    async def _serve(self, socket: WebSocket) -> None:
+        feed = self._source.feed()
+        ear = asyncio.create_task(_listen(socket, feed))
+        try:
+            await socket.send_text(_text(self._source.hello()))
+            while not ear.done():
+                for message in feed.news():
+                    await socket.send_text(_text(message))
+                await self._beats.heard()
+        finally:
+            ear.cancel()
+            with suppress(asyncio.CancelledError, WebSocketDisconnect):
+                await ear
+
+    async def stop(self, request: Request) -> Response:
+        """A wish, for the one way to stop that a run has."""
+        try:
+            is_asked = self._source.stop((await _said(request))["how"])
+        except (LookupError, TypeError, ValueError):
+            return PlainTextResponse('say {"how": "safe point"} or {"how": "now"}\n', 400, POLICY)
+        if not is_asked:
+            return PlainTextResponse("nothing here can be stopped any more\n", 409, POLICY)
+        return PlainTextResponse("asked for\n", 202, POLICY)
+
+
+async def _listen(socket: WebSocket, feed: Feed) -> None:
+    """Hears the page until it is closed."""
+    while True:
+        with suppress(ValueError, KeyError):  # a page that talks nonsense is let talk
+            said = json.loads(await socket.receive_text())
+            if isinstance(said, dict):
+                feed.hear(said)
+
+
+async def _said(request: Request) -> Mapping[str, Any]:
+    body = b""
+    async for piece in request.stream():
+        body += piece
+        if len(body) > LARGEST_BODY:
+            raise ValueError("too long")
+    said = json.loads(body)
+    if not isinstance(said, dict):
+        raise ValueError("no object")
+    return said
+
+
+def _text(message: Message) -> str:
+    return json.dumps(message, allow_nan=False, separators=(",", ":"))
+
+
+async def _page(_request: Request) -> Response:
+    return FileResponse(STATIC / "index.html", headers=dict(POLICY))
+
+
+async def _trip(request: Request) -> Response:
+    """What a code means, as the documentation says it."""
+    code = request.path_params["code"]
+    files = [folder / f"{code}.md" for folder in TRIPS] if code in set(Trip) else []
+    for file in files:
+        if file.is_file():
+            return PlainTextResponse(file.read_text(encoding="utf-8"), headers=POLICY)
+    return PlainTextResponse(f"nothing is known here of {code}\n", 404, POLICY)
+
+
+def application(pages: Pages, token: str) -> ASGIApp:
+    """All of it, behind the admission."""
+    mimetypes.add_type("text/javascript", ".js")  # some machines say text/plain, and browsers then refuse the page's modules
+    routes = [
+        Route("/", _page),
+        Route("/stop", pages.stop, methods=["POST"]),
+        WebSocketRoute("/stream", pages.stream),
+        Route("/trips/{code}", _trip),
+        Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
+    ]
+    return Admission(Starlette(routes=routes), token)

@@ -1,0 +1,66 @@
+"""The web server around a source: bound to this machine only, beating until there is nobody left to beat for."""
+
+import asyncio
+import errno
+import socket
+from collections.abc import Callable
+
+import uvicorn
+
+from rfca_rig.errors import BadInput
+from rfca_rig.view.live_view import HOST
+from rfca_rig.view.page_feed import BEATS_HZ, Source
+from rfca_rig.view.server import Beats, Pages, application
+
+CLOSED_WITHIN_S = 1
+
+
+def bound(port: int) -> socket.socket:
+    """A socket that listens there, 0 for any free port. Raises BadInput where it cannot."""
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((HOST, port))
+        listening.listen()
+    except OSError as error:
+        listening.close()
+        if error.errno == errno.EADDRINUSE:
+            raise BadInput(f"port {port} is taken; name another one, or none for any that is free") from None
+        raise BadInput(f"port {port} cannot be listened on: {error}; name another one") from None
+    return listening
+
+
+def port_of(listening: socket.socket) -> int:
+    return int(listening.getsockname()[1])
+
+
+async def serve(source: Source, token: str, listening: socket.socket, ended: asyncio.Event, beat: Callable[[Pages], bool]) -> None:
+    """Serves pages until `beat`, called at every beat with those that are open, says False, or until `ended`."""
+    beats = Beats()
+    pages = Pages(source, beats)
+    config = uvicorn.Config(
+        application(pages, token),
+        lifespan="off",
+        log_config=None,
+        access_log=False,
+        ws="websockets-sansio",
+        ws_max_size=65536,
+        ws_per_message_deflate=False,
+        timeout_graceful_shutdown=CLOSED_WITHIN_S,
+        server_header=False,
+    )
+    server = uvicorn.Server(config)
+    serving = asyncio.create_task(server.serve(sockets=[listening]))
+    while not serving.done() and not ended.is_set() and beat(pages):
+        beats.strike()
+        await _next_beat(ended)
+    beats.strike()
+    server.should_exit = True
+    await serving
+
+
+async def _next_beat(ended: asyncio.Event) -> None:
+    try:
+        await asyncio.wait_for(ended.wait(), 1.0 / BEATS_HZ)
+    except TimeoutError:
+        return

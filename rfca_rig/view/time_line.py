@@ -1,0 +1,135 @@
+"""A recording's stages one after the other, as they are played: what was not recorded in between is a short pause."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from math import degrees, isnan
+
+import numpy as np
+
+from rfca_rig.errors import BadInput
+from rfca_rig.protocol.plan import Flap, Hold, Plan
+from rfca_rig.protocol.written_plan import plan_of
+from rfca_rig.recording.form import Column, StaticStage, Stream
+from rfca_rig.view.clip import Clip, Samples, samples_of
+from rfca_rig.view.scenes import STATIC_SWEEP_DEG, Scene, Stroked, scenes
+from rfca_rig.view.stored_stages import Stored, StoredStage
+
+PAUSE_S = 0.25
+HOLD_S = 1.0  # a static stage stays to be seen for no less
+STATIC_SPEED_RAD_S = 0.5  # of a sequence whose own nobody knows
+MORE_SWEEP_DEG = 3.0
+
+
+def plan_in(stored: Stored) -> Plan | None:
+    """What was to be done; None for a campaign from elsewhere, and for plans of other versions."""
+    try:
+        return plan_of(stored.title, stored.provenance) if "plan" in stored.provenance else None
+    except BadInput:
+        return None
+
+
+def time_line(stored: Stored, start_rad: float | None, ramp_s: float) -> tuple[Clip, ...]:
+    """All that was recorded, in the order of the plan. `start_rad` is where strokes were believed to begin, None for unknown."""
+    placed, at_s = [], 0.0
+    for clip in _in_order(stored, start_rad, ramp_s):
+        placed.append(replace(clip, begin_s=at_s))
+        at_s += clip.duration_s + PAUSE_S
+    return tuple(placed)
+
+
+def _in_order(stored: Stored, start_rad: float | None, ramp_s: float) -> Iterator[Clip]:
+    strokes = iter([_stroke_clip(stroke, start_rad, ramp_s) for stroke in stored.strokes])
+    holds = iter(_hold_clips(stored))
+    plan = plan_in(stored)
+    for stage, scene in zip(plan.stages, scenes(plan), strict=True) if plan else ():
+        if isinstance(stage, Flap):
+            yield from _next(strokes)
+        elif isinstance(stage, Hold):
+            for clip in _next(holds):
+                planned = partial(_constant, stage.angle_rad)
+                yield replace(clip, label=stage.label, scene=scene, planned_rad=clip.planned_rad or planned)
+    yield from strokes
+    yield from holds
+    yield from (_cut_short(stage) for stage in stored.raw if stage.cut_short)
+
+
+def _next(clips: Iterator[Clip]) -> Iterable[Clip]:
+    clip = next(clips, None)
+    return () if clip is None else (clip,)
+
+
+def _constant(value: float, _t_s: float) -> float:
+    return value
+
+
+def _stroke_clip(stroke: StoredStage, start_rad: float | None, ramp_s: float) -> Clip:
+    sweep_deg = degrees(stroke.speed_rad_s * max(stroke.last_s, 0.0)) + MORE_SWEEP_DEG
+    return Clip(
+        label=f"flap {1e3 * stroke.height_m:.0f} mm, {stroke.speed_rad_s:g} rad/s, repeat {stroke.repeat}",
+        kind="flap",
+        begin_s=0.0,
+        duration_s=stroke.last_s - stroke.first_s,
+        rest_s=-stroke.first_s,
+        scene=Scene(stroke.height_m, Stroked(stroke.height_m, stroke.speed_rad_s, sweep_deg)),
+        load=partial(_loaded, stroke),
+        planned_rad=None if start_rad is None else partial(_ramped, start_rad, stroke.speed_rad_s, ramp_s),
+    )
+
+
+def _ramped(start_rad: float, speed_rad_s: float, ramp_s: float, t_s: float) -> float:
+    """Evenly to speed within the ramp, then on."""
+    if t_s < ramp_s:
+        return start_rad + 0.5 * speed_rad_s * max(t_s, 0.0) ** 2 / ramp_s
+    return start_rad + speed_rad_s * (t_s - 0.5 * ramp_s)
+
+
+def _loaded(stage: StoredStage) -> Samples:
+    return samples_of(stage.streams())
+
+
+def _hold_clips(stored: Stored) -> list[Clip]:
+    """With the samples behind the means where they were kept, one for each."""
+    whole = [stage for stage in stored.raw if not stage.cut_short]
+    behind = whole if len(whole) == len(stored.static) else [None] * len(stored.static)
+    return [_hold_clip(stage, raw) for stage, raw in zip(stored.static, behind, strict=True)]
+
+
+def _hold_clip(stage: StaticStage, raw: StoredStage | None) -> Clip:
+    shaft_rad = stage.shaft_angle_rad
+    hinges = None if any(isnan(angle) for angle in stage.hinge_deg) else np.array(stage.hinge_deg)
+    return Clip(
+        label=f"hold {stage.stage} at {degrees(shaft_rad):.1f} deg, {1e3 * stage.height_m:.0f} mm, {stage.direction}",
+        kind="hold",
+        begin_s=0.0,
+        duration_s=max(HOLD_S, 0.0 if raw is None else raw.last_s - raw.first_s),
+        rest_s=0.0 if raw is None else -raw.first_s,
+        scene=Scene(stage.height_m, Stroked(stage.height_m, STATIC_SPEED_RAD_S, STATIC_SWEEP_DEG)),
+        load=partial(_means, stage) if raw is None else partial(_loaded, raw),
+        planned_rad=None if hinges is None else partial(_constant, shaft_rad),
+        hinge_deg=hinges,
+    )
+
+
+def _means(stage: StaticStage) -> Samples:
+    """As constant for as long as it is shown."""
+    values: Mapping[str, float] = {
+        "shaft_angle_rad": stage.shaft_angle_rad,
+        "fy_N": stage.fy_N,
+        "fz_N": stage.fz_N,
+        "tx_Nm": stage.tx_Nm,
+    }
+    columns = {name: Column(np.full(int(HOLD_S * 1000), value), "") for name, value in values.items() if not isnan(value)}
+    return samples_of({"means": Stream(np.linspace(0.0, HOLD_S, int(HOLD_S * 1000)), columns)})
+
+
+def _cut_short(stage: StoredStage) -> Clip:
+    return Clip(
+        label=f"{stage.label}, cut short",
+        kind=stage.label.split(" ", 1)[0] if stage.label.startswith(("flap", "hold")) else "move",
+        begin_s=0.0,
+        duration_s=stage.last_s - stage.first_s,
+        rest_s=-stage.first_s,
+        scene=Scene(stage.height_m),
+        load=partial(_loaded, stage),
+    )

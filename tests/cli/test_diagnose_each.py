@@ -1,0 +1,30 @@
+"""rfca-rig diagnose --each: what stays, what cannot be diagnosed, and what is refused."""
+
+import json
+
+from tests.cli.typed import typed
+
+ANSWER = {"format": "rfca-diagnosis/1", "verdict": "named", "effects": [{"id": "tip_mass", "probability": 0.987}]}
+
+
+def test_what_is_there_stays_and_what_cannot_be_diagnosed_is_told(monkeypatch, capsys, tmp_path):
+    for name in ("done", "empty", "void"):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+    (tmp_path / "out" / "done").mkdir(parents=True)
+    (tmp_path / "out" / "done" / "diagnosis.json").write_text(json.dumps(ANSWER))
+    paths = sorted((tmp_path / "runs").iterdir())
+    said = typed(monkeypatch, capsys, "diagnose", *paths, "--each", "--workers", 1, "--out", tmp_path / "out")
+    assert (said.exit_code, said.out) == (1, "done: named, tip_mass (98.7 %)\n")
+    assert said.err.startswith(f"rfca-rig: 2 of 3 could not be diagnosed, as empty: {tmp_path / 'runs' / 'empty'}")
+    assert len(said.err.splitlines()) == 1
+    assert [folder.name for folder in (tmp_path / "out").iterdir()] == ["done"]
+
+
+def test_two_of_one_name_are_refused(monkeypatch, capsys, tmp_path):
+    said = typed(monkeypatch, capsys, "diagnose", tmp_path / "a" / "run", tmp_path / "b" / "run", "--each", "--out", tmp_path / "out")
+    assert said.exit_code == 2 and "is called run too" in said.err and not (tmp_path / "out").exists()
+
+
+def test_one_diagnosis_is_not_shared_out(monkeypatch, capsys, tmp_path):
+    said = typed(monkeypatch, capsys, "diagnose", tmp_path, "--workers", 2)
+    assert said.exit_code == 2 and "share out what --each makes many of" in said.err

@@ -1,0 +1,144 @@
+"""Work handed to processes of this machine: the same results as here, and what becomes of it when a process is lost."""
+
+import os
+import signal
+import threading
+import time
+from concurrent.futures import Future
+from pathlib import Path
+
+import pytest
+
+from rfca_rig.clock import TwinClock
+from rfca_rig.crew.doing import Failed, done
+from rfca_rig.crew.form import Crew, Here, WorkerLost
+from rfca_rig.crew.local import crew
+from rfca_rig.errors import RigError
+from tests.crew import work
+
+
+@pytest.fixture(scope="module")
+def two():
+    with crew(2) as processes:
+        yield processes
+
+
+def kill_the_one_at(path: Path) -> None:
+    """The process that has begun the piece whose file this is, as soon as it has."""
+    until = time.monotonic() + 60.0
+    while not (path.is_file() and path.read_text().endswith("\n")):
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    os.kill(int(path.read_text().split()[0]), signal.SIGKILL)
+
+
+def begun(folder: Path) -> dict[int, int]:
+    """How often each piece was begun."""
+    return {int(path.name): len(path.read_text().splitlines()) for path in folder.iterdir()}
+
+
+def test_the_same_bits_here_and_in_processes(two):
+    seeds = range(12)
+    assert work.digest(dict(done(two, work.stroke, seeds))) == work.digest(dict(done(Here(), work.stroke, seeds)))
+
+
+def test_processes_use_one_thread_each(two):
+    assert {told for _, told in done(two, work.threads, range(4))} == {(1, "1")}
+
+
+def test_what_raises_is_told_with_its_trace_and_the_rest_is_done(two):
+    results = dict(done(two, work.fails_at_three, range(6)))
+    failed = results.pop(3)
+    assert results == {number: 10 * number for number in (0, 1, 2, 4, 5)}
+    assert isinstance(failed, Failed) and failed.reason == "ZeroDivisionError: three" and "fails_at_three" in failed.trace
+
+
+def test_a_piece_that_ends_its_process_twice_is_given_up_and_the_rest_is_done(two):
+    results = dict(done(two, work.kills_at_three, range(6)))
+    failed = results.pop(3)
+    assert results == {number: 10 * number for number in (0, 1, 2, 4, 5)}
+    assert isinstance(failed, Failed) and failed.reason.startswith("2 workers were lost over it")
+
+
+def test_a_result_that_cannot_travel_is_the_fault_of_its_piece_only(two):
+    results = dict(done(two, work.returns_what_cannot_travel, range(6)))
+    assert isinstance(results.pop(3), Failed) and results == {number: number for number in (0, 1, 2, 4, 5)}
+
+
+def test_a_killed_process_costs_the_piece_that_it_had(two, tmp_path):
+    killer = threading.Thread(target=kill_the_one_at, args=(tmp_path / "2",))
+    killer.start()
+    results = {number: result for (_, number), result in done(two, work.slow, [(tmp_path, number) for number in range(6)])}
+    killer.join()
+    assert results == {number: 10 * number for number in range(6)}
+    assert begun(tmp_path) == {0: 1, 1: 1, 2: 2, 3: 1, 4: 1, 5: 1}
+
+
+def test_nothing_is_left_running_when_the_block_ends_with_an_error(tmp_path):
+    def stops_in_the_middle() -> None:
+        with crew(1) as process:
+            for _ in done(process, work.slow, [(tmp_path, number) for number in range(4)]):
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stops_in_the_middle()
+    pids = {int(line) for path in tmp_path.iterdir() for line in path.read_text().split()}
+    until = time.monotonic() + 10.0
+    while any(Path(f"/proc/{pid}").exists() and "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text() for pid in pids):
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+class Recorded(Crew):
+    """Does the work here, on a clock on which each piece takes 10 ms, and remembers how many came at once."""
+
+    def __init__(self, lost: int = 0, error: Exception | None = None) -> None:
+        self.sizes: list[int] = []
+        self.lost = lost
+        self.error = error or WorkerLost("gone")
+
+    @property
+    def workers(self) -> int:
+        return 1
+
+    def submit(self, fn, /, *args, **kwargs):
+        self.sizes.append(len(args[0]))
+        future: Future = Future()
+        if self.lost:
+            self.lost -= 1
+            future.set_exception(self.error)
+        else:
+            future.set_result(fn(*args, **kwargs))
+        return future
+
+
+class Ticking(TwinClock):
+    """On which a batch takes as long as a tenth of a second."""
+
+    def now_s(self) -> float:
+        return 0.1
+
+
+def test_short_pieces_travel_in_batches_of_a_second_and_the_last_ones_are_shared_out():
+    crew = Recorded()
+    assert sorted(done(crew, work.fails_at_three, range(4, 504), Ticking)) == [(number, 10 * number) for number in range(4, 504)]
+    assert crew.sizes[:2] == [1, 1] and max(crew.sizes) == 100 and crew.sizes[-1] == 1
+    assert sum(crew.sizes) == 500
+
+
+def test_a_lost_batch_is_done_again_piece_by_piece_and_no_piece_is_blamed_for_it():
+    crew = Recorded()
+    results = {}
+    for number, result in done(crew, work.fails_at_three, range(4, 104), Ticking):
+        results[number] = result
+        if len(crew.sizes) == 4:
+            crew.lost = 1
+    lost = max(crew.sizes[4:7])
+    assert lost > 1 and results == {number: 10 * number for number in range(4, 104)}
+    assert sum(crew.sizes) == 100 + lost
+
+
+def test_a_crew_that_is_no_more_ends_the_work():
+    crew = Recorded(lost=1, error=RigError("the scheduler is gone"))
+    with pytest.raises(RigError, match="the scheduler is gone"):
+        list(done(crew, work.fails_at_three, range(3)))

@@ -1,0 +1,33 @@
+"""A fit whose starts are shared out."""
+
+import numpy as np
+
+from rfca_rig.analysis.fitting.fit import Search
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.valleys import ValleyRow, fit_valleys
+from rfca_rig.analysis.valley import Valley
+from rfca_rig.crew.local import crew
+from tests.model.legs import PAPER
+
+CONDITIONS = ((0.215, 2.433), (0.235, 3.276))
+
+
+def stronger(height_m: float, speed_rad_s: float) -> ValleyRow:
+    """A valley that is a little deeper than the model's."""
+    valley = ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).simulated(Supposed(PAPER))
+    assert isinstance(valley, Valley)
+    return ValleyRow(height_m, speed_rad_s, valley.time_s, 1.03 * valley.fz_N, 0.01, 0.1)
+
+
+def test_a_fit_has_the_same_bits_wherever_its_starts_are_computed():
+    rows = [stronger(*condition) for condition in CONDITIONS]
+
+    def fitted(hands):
+        search = Search(starts=3, rng=np.random.default_rng(1), most_evaluations=4, crew=hands)
+        return fit_valleys(PAPER, rows, ("k0", "friction"), {}, search)
+
+    alone = fitted(None)
+    with crew(2) as two:
+        shared = fitted(two)
+    assert shared.x.tobytes() == alone.x.tobytes() and shared.covariance.tobytes() == alone.covariance.tobytes()
+    assert (shared.starts, shared.evaluations) == (alone.starts, alone.evaluations)

@@ -1,0 +1,53 @@
+"""CSV read back, value by value."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rfca_rig.errors import BadInput
+from rfca_rig.export.csv_files import export_csv
+from rfca_rig.progress import unwatched
+from rfca_rig.recording.store import write_recording
+from tests.export.recordings import recording
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_every_value_is_there_to_the_last_digit_and_the_index_lists_all(tmp_path):
+    known = recording()
+    write_recording(known, tmp_path / "run.h5")
+    told = []
+    exported = export_csv(tmp_path, tmp_path / "out", lambda done, of: told.append((done, of)))
+    index = rows(tmp_path / "out/stages.csv")
+    stages = [*(stroke.streams for stroke in known.strokes), *(stage.streams for stage in known.raw)]
+    wanted = [(stage, name, stream) for stage, streams in enumerate(stages, start=1) for name, stream in streams.items()]
+    assert [(row["file"], int(row["records"])) for row in index] == [
+        (f"stages/{stage:03d}-{name}.csv", len(stream.t_s)) for stage, name, stream in wanted
+    ]
+    for row, (_, _, stream) in zip(index, wanted, strict=True):
+        table = rows(tmp_path / "out" / row["file"])
+        assert [float(record["t_s"]) for record in table] == stream.t_s.tolist()
+        for name, column in stream.columns.items():
+            assert np.array_equal([float(record[name]) for record in table], column.values), name
+    assert (index[0]["height_mm"], index[0]["speed_rad_s"], index[-1]["cut_short"]) == ("215.0", "2.433", "TRIP L-01")
+    assert exported.files == len(index)
+    assert told[-1] == (4, 4)
+
+
+def test_static_stages_have_a_table_of_their_own(tmp_path):
+    write_recording(recording(140), tmp_path / "run.h5")
+    export_csv(tmp_path / "run.h5", tmp_path / "out", unwatched)
+    (held,) = rows(tmp_path / "out/static.csv")
+    assert (held["direction"], float(held["fz_N"]), held["hinge7_deg"]) == ("loading", -2.36, "nan")
+
+
+def test_a_folder_that_is_there_is_left_alone(tmp_path):
+    write_recording(recording(140), tmp_path / "run.h5")
+    (tmp_path / "out").mkdir()
+    with pytest.raises(BadInput, match="is there already"):
+        export_csv(tmp_path, tmp_path / "out", unwatched)

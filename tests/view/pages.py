@@ -1,0 +1,66 @@
+"""A page without a browser: what a view's process says to whoever opens it."""
+
+import json
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+
+def stream_of(url: str, **more: object) -> ClientConnection:
+    return connect(url.replace("http://", "ws://").replace("/?", "/stream?"), max_size=None, compression=None, **more)
+
+
+def asked_to_stop(url: str, body: bytes, **headers: str) -> int:
+    """The status of the answer."""
+    request = urllib.request.Request(url.replace("/?", "/stop?"), data=body, headers=headers, method="POST")
+    try:
+        with urllib.request.urlopen(request, timeout=10.0) as answer:
+            return int(answer.status)
+    except urllib.error.HTTPError as refused:
+        return refused.code
+
+
+def got(url: str, path: str) -> tuple[int, str, str]:
+    """Status, text and kind of what is there, without the token."""
+    try:
+        with urllib.request.urlopen(f"{url.partition('/?')[0]}{path}", timeout=10.0) as answer:
+            return int(answer.status), answer.read().decode(), answer.headers["content-type"]
+    except urllib.error.HTTPError as refused:
+        return refused.code, "", ""
+
+
+class Page:
+    """Gathers every message, with the thread that reads them."""
+
+    def __init__(self, socket: ClientConnection) -> None:
+        self._socket = socket
+        self.messages: list[dict] = []
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        try:
+            while True:
+                self.messages.append(json.loads(self._socket.recv()))
+        except ConnectionClosed:
+            return
+
+    def all_after_end(self, within_s: float = 30.0) -> list[dict]:
+        """Waits for the state that says how the run ended, or for the end of the view."""
+        waited = threading.Event()
+        for _ in range(int(within_s / 0.02)):
+            if any(message["kind"] == "state" and message["ended"] for message in self.messages) or not self._thread.is_alive():
+                return list(self.messages)
+            waited.wait(0.02)
+        raise AssertionError("no word of the run's end")
+
+
+@contextmanager
+def opened(url: str) -> Iterator[Page]:
+    with stream_of(url) as socket:
+        yield Page(socket)

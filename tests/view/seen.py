@@ -1,0 +1,66 @@
+"""Ticks as a loop shows them, and what they brought, for whoever holds a view against them."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rfca_rig.clock import TwinClock
+from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples, StreamHealth
+from rfca_rig.engine.onlooker import Tick
+from rfca_rig.engine.wishes import Wishes
+from rfca_rig.protocol.plan import Plan
+from rfca_rig.recording.block_queue import BlockQueue
+from rfca_rig.view.legs import Legs
+from rfca_rig.view.live_feed import LiveRun
+from rfca_rig.view.live_source import LiveSource
+from rfca_rig.view.run_facts import run_facts
+from rfca_rig.view.tap import Tap
+from tests.engine.rigs import one_condition, twin_rig
+
+SCALE = SensorScale(1e6, 1e6, 15_000.0)
+ENABLED = MotorStatus("closed loop", None, 0.01, 30.0)
+
+
+def tick(now_s: float, counts: np.ndarray, angle_rad: float = 1.0, rate_Hz: float = 15_000.0, **about: float) -> Tick:
+    """A tick of 2 ms that ends at `now_s`, its records (m, 6) evenly up to there."""
+    times_s = now_s - np.arange(len(counts))[::-1] / rate_Hz
+    none = np.zeros(len(counts), np.int64)
+    force = ForceSamples(times_s + 1e-4, times_s, none, none.astype(np.uint32), counts.astype(np.int32))
+    one = np.array([now_s])
+    shaft = ShaftSamples(one, one, np.array([angle_rad]), np.array([2.0]), np.array([0.1]))
+    found = Tick(now_s, shaft, force, angle_rad, 2.0, 0.0, 0.002, ENABLED)
+    return replace(found, **about)
+
+
+def counts_of(force_N: float, moment_Nm: float = 0.0, rows: int = 1) -> np.ndarray:
+    """Records (rows, 6) of so much along z, and about x."""
+    counts = np.zeros((rows, 6), np.int32)
+    counts[:, 2], counts[:, 3] = round(force_N * SCALE.counts_per_N), round(moment_Nm * SCALE.counts_per_Nm)
+    return counts
+
+
+@dataclass
+class Watched:
+    """Both ends of a view, without any process in between. `told` is what the tap said of stops."""
+
+    tap: Tap
+    run: LiveRun
+    wishes: Wishes
+    told: list[str]
+    clock: TwinClock
+    plan: Plan
+
+
+@contextmanager
+def watched(queue_bytes: int = 1 << 20, repeats: int = 1) -> Iterator[Watched]:
+    rig, clock, wishes, told = twin_rig(), TwinClock(), Wishes(), []
+    plan = one_condition(rig, repeats)
+    queue = BlockQueue.create(queue_bytes)
+    try:
+        tap = Tap(queue, plan.stages, wishes, clock, lambda: (StreamHealth(received=7, lost=2), 1000), told.append)
+        source = LiveSource(run_facts(plan, "SIM", SCALE, rig.believed()), queue, clock, Legs(rig.believed()))
+        yield Watched(tap, LiveRun(source), wishes, told, clock, plan)
+    finally:
+        queue.remove()

@@ -1,0 +1,84 @@
+"""Who is let in: only with the token, only from this machine, never a page from elsewhere."""
+
+import asyncio
+
+import pytest
+
+from rfca_rig.view.access_token import new_token
+from rfca_rig.view.admission import Admission
+
+TOKEN = new_token()
+HERE = {"host": "127.0.0.1:8650"}
+
+
+def asked(kind="http", path="/", query=f"token={TOKEN}", headers=HERE):
+    """What became of a request: "in", or what was sent instead."""
+    sent = []
+
+    async def application(scope, receive, send):
+        sent.append("in")
+
+    async def receive():
+        return {"type": "websocket.connect"}
+
+    async def send(message):
+        sent.append(message)
+
+    pairs = headers.items() if isinstance(headers, dict) else headers
+    scope = {
+        "type": kind,
+        "path": path,
+        "query_string": query.encode(),
+        "headers": [(name.encode(), value.encode()) for name, value in pairs],
+    }
+    asyncio.run(Admission(application, TOKEN)(scope, receive, send))
+    return sent[0]
+
+
+def is_refused(found):
+    return found != "in" and (found.get("status") == 403 or found["type"] == "websocket.close")
+
+
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+@pytest.mark.parametrize("host", ["127.0.0.1:8650", "localhost:8650", "LOCALHOST", "[::1]:8650"])
+def test_the_token_from_this_machine_opens(kind, host):
+    assert asked(kind, headers={"host": host}) == "in"
+    assert asked(kind, headers={"host": host, "origin": f"http://{host}"}) == "in"
+
+
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+@pytest.mark.parametrize("query", ["", "token=", f"token={TOKEN[:-1]}", f"token={TOKEN}x", f"token={TOKEN}&token={TOKEN}", "token=%ff%fe"])
+def test_without_the_token_nothing_opens(kind, query):
+    assert is_refused(asked(kind, "/stop", query))
+
+
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+@pytest.mark.parametrize(
+    "host", ["rig.example.com", "127.0.0.1.example.com", "127.0.0.1@example.com", "0.0.0.0:8650", "192.168.1.5:8650", "", "[::1"]
+)
+def test_another_name_for_this_machine_is_refused_though_the_token_is_right(kind, host):
+    assert is_refused(asked(kind, headers={"host": host}))
+
+
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+@pytest.mark.parametrize(
+    "origin", ["http://example.com", "null", "https://127.0.0.1:8650", "http://127.0.0.1:80", "http://localhost:8650", ""]
+)
+def test_a_page_from_elsewhere_is_refused_though_the_token_is_right(kind, origin):
+    assert is_refused(asked(kind, "/stop", headers={**HERE, "origin": origin}))
+
+
+def test_two_hosts_or_none_are_refused():
+    assert is_refused(asked(headers=[("host", "127.0.0.1"), ("host", "example.com")]))
+    assert is_refused(asked(headers={}))
+
+
+def test_the_page_s_own_files_need_no_token_but_do_need_this_machine():
+    assert asked(path="/static/view.js", query="") == "in"
+    assert is_refused(asked(path="/static/view.js", query="", headers={"host": "example.com"}))
+    assert is_refused(asked(path="/statics", query="")) and is_refused(asked(path="/", query=""))
+    assert is_refused(asked("websocket", "/static/../stream", query=""))
+
+
+def test_tokens_differ_and_are_long():
+    assert len({new_token() for _ in range(50)}) == 50 and len(TOKEN) >= 32

@@ -1,0 +1,197 @@
+"""From ticks to messages, with nothing in between but the queue: what a page is told of a run."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rfca_rig.drivers.roles import SensorScale
+from rfca_rig.engine.watches.load import LoadWatch
+from rfca_rig.errors import Tripped
+from rfca_rig.protocol.check import Load
+from rfca_rig.view.gauges import Gauges
+from rfca_rig.view.messages import CHANNELS
+from rfca_rig.view.progress import Listed, Progress
+from rfca_rig.view.tick_block import Stamp, tick_block, ticks_of
+from tests.engine.rigs import twin_rig
+from tests.view.seen import SCALE, counts_of, tick, watched
+
+LIMITS = twin_rig().facts().limits
+FZ = [channel.name for channel in CHANNELS].index("fz_N")
+
+
+def traces(messages):
+    return [message for message in messages if message["kind"] == "trace"]
+
+
+def drawn(messages, channel="fz_N"):
+    """Least and greatest of all traces, each of which follows on the one before."""
+    end_s, low, high = None, [], []
+    for message in traces(messages):
+        assert message.get("reset") or message["from_s"] == pytest.approx(end_s, abs=1e-9)
+        end_s = message["from_s"] + message["dt_s"] * len(message["low"][channel])
+        low += [value for value in message["low"][channel] if value is not None]
+        high += [value for value in message["high"][channel] if value is not None]
+    return min(low), max(high)
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 2**32 - 1))
+def test_all_peaks_of_a_run_are_in_what_a_page_was_sent(seed):
+    random = np.random.default_rng(seed)
+    with watched() as both:
+        feed, got, forces = both.run.feed(), [], []
+        for number in range(1, 250):
+            force_N = random.normal(0.0, 50.0) + 300.0 * (random.uniform() < 0.02)
+            counts = np.concatenate([counts_of(0.0, rows=int(random.integers(0, 30))), counts_of(force_N)])
+            forces.append(force_N)
+            both.tap.tick(tick(0.002 * number, counts))
+            if random.uniform() < 0.1:
+                both.run.beat()
+                got += feed.news()
+        both.tap.ended("done", "")
+        both.run.beat()
+        got += feed.news()
+        assert drawn(got) == pytest.approx((min(*forces, 0.0), max(*forces, 0.0)), abs=1e-4)
+
+
+def test_a_span_that_changes_gives_the_whole_window_anew_and_every_page_its_own():
+    with watched() as both:
+        slow, quick, got = both.run.feed(), both.run.feed(), []
+        quick.hear({"kind": "span", "span_s": 0.5})
+        for number in range(1, 1500):
+            both.tap.tick(tick(0.002 * number, counts_of(float(number))))
+            if number % 20 == 0:
+                both.run.beat()
+                got += quick.news()
+        assert drawn(got) == pytest.approx((1.0, 1480.0), abs=1.0)
+        assert drawn(traces(slow.news()))[0] == 1.0
+        quick.hear({"kind": "span", "span_s": 2.0})
+        (window,) = traces(quick.news())
+        assert window["reset"] and window["dt_s"] == 0.002 and len(window["low"]["fz_N"]) == 1000
+        assert window["from_s"] == pytest.approx(0.002 * 1480 - 2.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "nonsense", [{}, {"kind": "span"}, {"kind": "span", "span_s": "8"}, {"kind": "span", "span_s": float("nan")}, {"kind": 3}]
+)
+def test_nonsense_from_a_page_changes_nothing(nonsense):
+    with watched() as both:
+        both.tap.tick(tick(0.1, counts_of(1.0)))
+        feed = both.run.feed()
+        both.run.beat()
+        feed.news()
+        feed.hear(nonsense)
+        assert not traces(feed.news())
+
+
+def test_what_a_loop_saw_last_is_drawn_though_no_tick_follows():
+    """As after a trip, while the shaft is watched until it stands."""
+    with watched() as both:
+        feed = both.run.feed()
+        for number in range(1, 50):
+            both.tap.tick(tick(0.002 * number, counts_of(100.0 if number == 49 else 1.0)))
+        both.run.beat()
+        assert drawn(feed.news())[1] == 1.0
+        both.clock.wait_until(0.3)
+        both.run.beat()
+        assert drawn([{**message, "reset": True} for message in feed.news() if message["kind"] == "trace"])[1] == 100.0
+
+
+def test_everything_that_is_sent_is_plain_json():
+    with watched() as both:
+        feed = both.run.feed()
+        for number in range(1, 100):
+            both.tap.tick(tick(0.01 * number, counts_of(1.0)))
+        both.run.beat()
+        for message in (both.run.hello(), *feed.news()):
+            json.dumps(message, allow_nan=False)
+
+
+def test_a_run_whose_process_dies_is_over_and_cannot_be_stopped():
+    with watched() as both:
+        both.tap.tick(tick(0.002, counts_of(1.0)))
+        both.run.gone()
+        assert "without a word" in both.run.state["ended"] and not both.run.stop("now")
+
+
+def test_a_trip_is_told_with_its_code():
+    with watched() as both:
+        both.tap.ended("TRIP L-01: force 310.0 N, limit 300 N", "L-01")
+        both.run.gone()
+        assert both.run.state["trip"] == {"code": "L-01", "text": "TRIP L-01: force 310.0 N, limit 300 N"}
+
+
+def test_the_leg_is_drawn_at_once_and_bent_when_the_shapes_are_there():
+    with watched() as both:
+        for stage in both.plan.stages[:4]:
+            both.tap.stage(stage, None)
+        both.tap.tick(tick(0.002, counts_of(-5.0), angle_rad=1.2, target_rad=1.25))
+        both.run.beat()
+        straight = both.run.leg
+        assert straight["source"] == "shaft only" and straight["ghost"] is None and straight["height_m"] == 0.215
+        both.run.source._legs.prepare(both.run.source._facts.scenes)
+        both.run.beat()
+        bent = both.run.leg
+        assert bent["source"] == "model at measured shaft angle" and len(bent["leg"]) == len(bent["ghost"]) == 8
+        assert max(z for _, z in bent["leg"]) < 0.222 < max(z for _, z in straight["leg"])
+        assert bent["force"] == [0.0, -5.0]
+
+
+def seen(now_s, force_N, moment_Nm=0.0, rows=1):
+    return ticks_of([tick_block(tick(now_s, counts_of(force_N, moment_Nm, rows)), Stamp(0.0, 0))])
+
+
+@settings(max_examples=30)
+@given(
+    st.lists(st.tuples(st.floats(0.0, 320.0), st.integers(1, 15)), min_size=1, max_size=8),
+    st.one_of(st.none(), st.floats(1.0, 100.0)),
+)
+def test_a_share_passes_one_exactly_where_the_run_trips(pieces, expected_N):
+    """Held against the very watch that stops a run."""
+    expected = None if expected_N is None else Load(expected_N, 1.0)
+    watch, gauges = LoadWatch(LIMITS, SCALE), Gauges(LIMITS, SCALE)
+    watch.expect(expected)
+    gauges.stage(expected)
+    forces = [force_N for force_N, ticks in pieces for _ in range(ticks)]
+    for number, force_N in enumerate(forces, start=1):
+        one = tick(0.01 * number, counts_of(force_N, rows=3))
+        gauges.take(ticks_of([tick_block(one, Stamp(0.0, 0))]))
+        share = max(gauges.told()[name]["peak_share"] for name in ("force", "force above expected"))
+        try:
+            watch.check(one.force)
+            assert share < 1.001
+        except Tripped:
+            assert share > 0.999
+            return
+
+
+def test_a_peak_between_two_tellings_is_told_and_the_peak_of_a_stage_stays_until_the_next():
+    gauges = Gauges(LIMITS, SensorScale(1e6, 1e6, 7000.0))
+    for now_s, force_N in ((0.002, 10.0), (0.004, 150.0), (0.006, 10.0)):
+        gauges.take(seen(now_s, force_N))
+    assert gauges.told()["force"] == {"value": 150.0, "share": 0.5, "peak_share": 0.5, "limit": 300.0}
+    gauges.take(seen(0.008, 30.0))
+    assert gauges.told()["force"] == {"value": 30.0, "share": 0.1, "peak_share": 0.5, "limit": 300.0}
+    gauges.stage(None)
+    gauges.take(seen(0.010, 30.0))
+    assert gauges.told()["force"]["peak_share"] == 0.1
+
+
+STAGES = [Listed("move", "move", 2.0), Listed("rest", "rest", 10.0), Listed("flap", "flap", 4.0)] * 2
+
+
+def test_progress_learns_how_much_of_the_planned_time_a_stage_needs():
+    progress = Progress(STAGES)
+    assert progress.at(0.0).eta_s is None
+    progress.begin(0, 100.0)
+    assert progress.at(100.0).eta_s == 32.0
+    for number, wall_s in ((1, 102.0), (2, 103.0), (3, 107.0)):
+        progress.begin(number, wall_s)
+    at = progress.at(108.0)
+    assert (at.stage, at.stage_done, at.eta_s) == (3, 0.5, 1.0 + 1.0 + 4.0)
+    assert at.done == pytest.approx(17.0 / 32.0, abs=1e-4)
+    progress.end(120.0)
+    assert (progress.at(120.0).done, progress.at(120.0).stage) == (1.0, -1)

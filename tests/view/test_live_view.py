@@ -1,0 +1,135 @@
+"""The view in its own process beside runs on the twin: what it is told, what it may ask for, and what its death costs."""
+
+import os
+import signal
+import socket
+from contextlib import contextmanager
+
+import pytest
+from websockets.exceptions import InvalidStatus
+
+from rfca_rig.engine.run import Supervision, run_plan
+from rfca_rig.engine.wishes import Wishes
+from rfca_rig.errors import BadInput, Stopped
+from rfca_rig.protocol.plan import Flap, MoveShaft, Rest
+from rfca_rig.view.live_view import LiveView
+from rfca_rig.view.run_facts import run_facts
+from tests.engine.rigs import one_condition, recorder_on, twin_rig
+from tests.view.pages import asked_to_stop, got, opened, stream_of
+from tests.view.test_live_source import drawn
+
+RIG = twin_rig()
+
+
+@contextmanager
+def viewed(bench, plan, port=0):
+    """A view, which is gone afterwards however long it would have stayed."""
+    wishes, told = Wishes(), []
+    facts = run_facts(plan, "SIM", bench.sensor.scale(), RIG.believed())
+    view = LiveView(facts, plan, wishes, lambda: (bench.sensor.health(), 0), told.append, port)
+    try:
+        yield view, Supervision(wishes=wishes, onlooker=view.tap), told
+    finally:
+        view.close()
+        view._process.kill()
+        view._process.wait()
+
+
+@pytest.fixture(scope="module")
+def unwatched(tmp_path_factory):
+    """The bytes of a run that nobody looks at."""
+    folder = tmp_path_factory.mktemp("unwatched") / "run"
+    with recorder_on(RIG, folder) as (bench, recorder, kept):
+        run_plan(one_condition(RIG), bench, recorder, lambda _: None)
+        kept.finish()
+    return (folder / "run.h5").read_bytes()
+
+
+def test_a_page_sees_all_of_a_run_and_the_recording_is_the_same_to_the_last_byte(tmp_path, unwatched):
+    plan = one_condition(RIG)
+    with (
+        recorder_on(RIG, tmp_path / "run") as (bench, recorder, kept),
+        viewed(bench, plan) as (view, supervision, _),
+        opened(view.url) as page,
+    ):
+        run_plan(plan, bench, recorder, lambda stage: view.tap.line(stage.label), supervision)
+        view.tap.ended("done", "")
+        got = page.all_after_end()
+        stroke = kept.finish().strokes[0]
+        assert asked_to_stop(view.url, b'{"how": "now"}') == 409
+    assert (tmp_path / "run" / "run.h5").read_bytes() == unwatched
+    hello, state = got[0], [message for message in got if message["kind"] == "state"][-1]
+    assert (hello["kind"], hello["mark"], hello["mode"]) == ("hello", "SIM", "live")
+    assert [stage["label"] for stage in hello["stages"]] == [stage.label for stage in plan.stages]
+    assert (state["ended"], state["trip"], state["done"]) == ("done", None, 1.0)
+    assert state["said"] == [stage.label for stage in plan.stages][-12:]
+    assert view.tap.lost == 0
+    low, high = drawn(got)
+    assert low <= stroke.channel("fz_N")[1].min() + 1e-4 and high >= stroke.channel("fz_N")[1].max() - 1e-4
+
+
+@pytest.mark.parametrize(
+    ("how", "after", "last"),
+    [("safe point", Rest, MoveShaft), ("now", Rest, Rest)],
+)
+def test_a_stop_from_the_page_ends_the_run_as_the_key_does(tmp_path, how, after, last):
+    """Asked for while the leg rests before the first of three strokes: a safe point is reached before it."""
+    plan, done = one_condition(RIG, 3), []
+    with recorder_on(RIG, tmp_path / "run") as (bench, recorder, kept), viewed(bench, plan) as (view, supervision, told):
+
+        def progress(stage):
+            done.append(stage)
+            if isinstance(stage, after) and sum(isinstance(one, after) for one in done) == 1:
+                assert asked_to_stop(view.url, f'{{"how": "{how}"}}'.encode()) == 202
+
+        with pytest.raises(Stopped, match="in the view"):
+            run_plan(plan, bench, recorder, progress, supervision)
+        assert len(told) == 1
+        strokes = kept.so_far().strokes
+    assert isinstance(done[-1], last)
+    assert sum(isinstance(stage, Flap) for stage in done) == len(strokes) <= 1
+
+
+def test_a_view_that_is_killed_costs_the_run_nothing(tmp_path, unwatched):
+    plan = one_condition(RIG)
+    with recorder_on(RIG, tmp_path / "run") as (bench, recorder, kept), viewed(bench, plan) as (view, supervision, _):
+
+        def progress(stage):
+            if isinstance(stage, MoveShaft):
+                os.kill(view.process_id, signal.SIGKILL)
+
+        run_plan(plan, bench, recorder, progress, supervision)
+        view.tap.ended("done", "")
+        kept.finish()
+        assert not view.is_alive
+    assert (tmp_path / "run" / "run.h5").read_bytes() == unwatched
+
+
+def test_a_page_opened_late_sees_how_the_run_ended_and_only_with_the_token(tmp_path):
+    plan = one_condition(RIG)
+    with recorder_on(RIG, tmp_path / "run") as (bench, _, _), viewed(bench, plan) as (view, _, _):
+        view.tap.ended("TRIP L-01: force 310.0 N", "L-01")
+        view.close()
+        with opened(view.url) as page:
+            state = [message for message in page.all_after_end() if message["kind"] == "state"][-1]
+            assert state["trip"]["code"] == "L-01"
+            assert got(view.url, "/trips/L-01")[1].startswith("# L-01") and got(view.url, "/trips/L-99")[0] == 404
+            assert got(view.url, "/static/view.js")[2] == "text/javascript; charset=utf-8"
+        guessed = view.url[:-1] + ("a" if view.url[-1] != "a" else "b")
+        for wrong, more in ((guessed, {}), (view.url, {"origin": "http://example.com"}), (view.url, {"additional_headers": {"Host": "x"}})):
+            with pytest.raises(InvalidStatus), stream_of(wrong, **more):
+                pass
+        assert asked_to_stop(guessed, b'{"how": "now"}') == 403
+        assert asked_to_stop(view.url, b'{"how": "now"}', Origin="http://example.com") == 403
+        assert asked_to_stop(view.url, b"now") == 400
+        assert asked_to_stop(view.url, b'{"how": "gently"}') == 400
+
+
+def test_a_port_that_is_taken_is_one_clear_line(tmp_path):
+    plan = one_condition(RIG)
+    with socket.socket() as taken, recorder_on(RIG, tmp_path / "run") as (bench, _, _):
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(BadInput, match=f"port {port} is taken"), viewed(bench, plan, port):
+            pass

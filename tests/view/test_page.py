@@ -1,0 +1,423 @@
+"""The page in a real browser, against a server that says what the test wants."""
+
+import re
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+pytest.importorskip("playwright", reason='the page is tested in a browser: pip install "rfca-rig[dev]"')
+
+from playwright.sync_api import Page, ViewportSize, expect
+
+from tests.view import messages
+from tests.view.browser import WatchedPage, browser
+from tests.view.scripted_server import TOKEN, ScriptedServer, serving
+
+DT_S = 0.008
+DESKTOP = ViewportSize(width=1280, height=800)
+
+
+@dataclass
+class Shown:
+    """A page, and the server it looks at."""
+
+    server: ScriptedServer
+    page: Page
+    watched: WatchedPage
+
+    def opened(self) -> "Shown":
+        """The page anew, as if it had just been opened."""
+        self.page.goto("about:blank")
+        self.server.heard.clear()
+        self.page.goto(f"http://127.0.0.1:{self.server.port}/?token={TOKEN}")
+        self.page.wait_for_function("() => window.rfcaView?.shown.state")
+        return self
+
+    def told(self) -> "Shown":
+        """The page as it is, told the hello and the state by the server, which is much quicker."""
+        self.server.say(self.server.hello, {**self.server.state, "serial": time.monotonic()})
+        self.page.wait_for_function("serial => rfcaView.shown.state.serial === serial", arg=self.server.state["serial"])
+        return self
+
+
+@pytest.fixture(scope="module")
+def one_page() -> Iterator[Shown]:
+    """One browser, one page, one server for all tests."""
+    server = ScriptedServer()
+    with browser() as started, serving(server):
+        watched = WatchedPage(started.new_page(viewport=DESKTOP))
+        yield Shown(server, watched.page, watched)
+
+
+@pytest.fixture
+def show(one_page: Shown) -> Iterator[Callable[..., Shown]]:
+    """Brings the page to that hello and state; nothing it does may be complained of, unless the test takes the complaint away.
+
+    `anew` opens it again, for tests of what a page remembers.
+    """
+
+    def bring(hello: dict[str, Any] | None = None, state: dict[str, Any] | None = None, anew: bool = False) -> Shown:
+        one_page.server.begin(hello or messages.hello(), state or messages.state())
+        return one_page.opened() if anew or not one_page.server.has_pages else one_page.told()
+
+    one_page.watched.complaints.clear()
+    yield bring
+    assert one_page.watched.complaints == []
+
+
+def painted(page: Page) -> None:
+    """Returns when what was sent is drawn."""
+    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(done))))")
+
+
+def flat(value: float, count: int = 1000) -> list[float | None]:
+    return [value] * count
+
+
+def inked_rows(page: Page, plot: str, t_s: float, colour: tuple[int, int, int]) -> list[float]:
+    """The values, on the panel's scale, of all pixels of about that colour in the column of the canvas at `t_s`."""
+    return page.evaluate(  # type: ignore[no-any-return]
+        """([name, t, colour]) => {
+          const plot = rfcaView.traces.panels.find(panel => panel.kind.plot === name).plot;
+          const canvas = plot.ctx.canvas, ratio = canvas.width / canvas.clientWidth;
+          const x = Math.round(plot.valToPos(t, "x", true));
+          const column = plot.ctx.getImageData(x - 1, 0, 3, canvas.height).data;
+          const near = at => [0, 1, 2].every(c => Math.abs(column[at + c] - colour[c]) < 40) && column[at + 3] > 120;
+          const rows = new Set();
+          for (let at = 0; at < column.length; at += 4) if (near(at)) rows.add(Math.floor(at / 12));
+          return [...rows].map(row => plot.posToVal((row - plot.bbox.top) / ratio, "y"));
+        }""",
+        [plot, t_s, list(colour)],
+    )
+
+
+BLUE = (0x17, 0x3F, 0x6B)
+
+
+class TestTraces:
+    def test_a_record_that_alone_in_eight_seconds_is_high_is_drawn_at_its_height(self, show):
+        shown = show()
+        peaked = flat(3.0)
+        peaked[640] = (3.0, 187.0)
+        shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=peaked))
+        painted(shown.page)
+        rows = inked_rows(shown.page, "force", 640.5 * DT_S, BLUE)
+        assert max(rows) == pytest.approx(187.0, abs=4.0)
+        assert min(rows) == pytest.approx(3.0, abs=4.0)
+        assert max(inked_rows(shown.page, "force", 600.5 * DT_S, BLUE)) < 8.0
+
+    def test_the_room_between_least_and_most_is_filled(self, show):
+        shown = show()
+        shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=[(-60.0, -20.0)] * 1000))
+        painted(shown.page)
+        pale = tuple(round(255 + (part - 255) * 0x59 / 255) for part in BLUE)
+        inside = [row for row in inked_rows(shown.page, "force", 4.004, pale) if -58.0 < row < -22.0]
+        assert len(inside) > 40  # pixels; a fill to zero would reach above as well
+        assert not [row for row in inked_rows(shown.page, "force", 4.004, pale) if -16.0 < row < -4.0]
+
+    def test_frames_follow_on_one_another_and_the_window_moves_on(self, show):
+        shown = show()
+        for frame in range(30):
+            shown.server.say(messages.trace(frame * 0.4, DT_S, reset=not frame, fz_N=flat(float(frame), 50)))
+        painted(shown.page)
+        from_s, to_s, kept = shown.page.evaluate("[rfcaView.traces.fromS, rfcaView.traces.toS, rfcaView.shown.buckets.t]")
+        assert (from_s, to_s) == pytest.approx((4.0, 12.0))
+        assert max(b - a for a, b in pairwise(kept)) == pytest.approx(DT_S)
+        assert kept[0] < 4.0 and len(kept) < 1400
+        assert inked_rows(shown.page, "force", 11.9, BLUE)[0] == pytest.approx(29.0, abs=0.6)
+
+    def test_what_is_sent_again_after_a_seek_takes_the_place_of_what_was_there(self, show):
+        shown = show()
+        shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=flat(5.0)), messages.trace(40.0, DT_S, reset=True, fz_N=flat(-30.0)))
+        painted(shown.page)
+        assert shown.page.evaluate("rfcaView.shown.buckets.t.length") == 1000
+        assert shown.page.evaluate("rfcaView.traces.toS") == pytest.approx(48.0)
+
+    @pytest.mark.parametrize(("buckets_without", "is_a_gap"), [(6, False), (30, True)])
+    def test_a_slow_device_is_one_line_a_silent_one_has_a_gap(self, show, buckets_without, is_a_gap):
+        shown = show()
+        values = flat(10.0)
+        values[500 : 500 + buckets_without] = [None] * buckets_without
+        shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=values))
+        painted(shown.page)
+        middle_s = (500 + buckets_without / 2) * DT_S
+        assert (inked_rows(shown.page, "force", middle_s, BLUE) == []) == is_a_gap
+
+    def test_the_legend_says_value_unit_and_extremes_and_hides_a_channel(self, show):
+        shown = show()
+        shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=[(-54.97, -54.0), *flat(3.11, 999)]))
+        painted(shown.page)
+        panel = shown.page.locator(".panel[data-plot=force]")
+        expect(panel.locator("h2")).to_have_text("Force (N)")
+        reading = panel.get_by_role("button", name="fz")
+        expect(reading).to_contain_text("3.11")
+        expect(reading).to_contain_text("\N{MINUS SIGN}55.0 … 3.11")
+        reading.click()
+        painted(shown.page)
+        assert inked_rows(shown.page, "force", 4.0, BLUE) == []
+        expect(reading).to_have_attribute("aria-pressed", "false")
+        reading.click()
+
+    def test_another_span_is_asked_of_the_server(self, show):
+        shown = show()
+        shown.page.get_by_role("button", name="30 s", exact=True).click()
+        assert heard(shown, "span") == [{"kind": "span", "span_s": 30}]
+        assert shown.page.evaluate("rfcaView.traces.spanS") == 30
+
+
+def heard(shown: Shown, kind: str) -> list[dict[str, Any]]:
+    """What the page sent of that kind, once there is some."""
+    for _ in range(200):
+        found = [message for message in shown.server.heard if message["kind"] == kind]
+        if found:
+            return found
+        shown.page.wait_for_timeout(10)
+    return []
+
+
+class TestLeg:
+    def test_leg_ghost_floor_and_force_stand_where_they_are(self, show):
+        shown = show()
+        shown.server.say(messages.leg())
+        painted(shown.page)
+        points = shown.page.locator("#leg-picture .leg").get_attribute("points").split()
+        assert [tuple(map(float, point.split(","))) for point in points] == [
+            pytest.approx((1e3 * y, 1e3 * z), abs=0.01) for y, z in messages.leg()["leg"]
+        ]
+        assert shown.page.locator("#leg-picture .ghost").get_attribute("points") != ""
+        assert " 215H" in shown.page.locator("#leg-picture .floor").get_attribute("d")
+        expect(shown.page.locator("#leg-key")).to_contain_text("the model at the measured shaft angle, not seen")
+
+    def test_the_ground_pushes_the_leg_up_and_against_the_sensors_y(self, show):
+        shown = show()
+        touching = messages.leg(leg=[[0.0, 0.0], [0.0, 0.215]] * 4, force=[-30.0, -40.0])
+        shown.server.say(touching)
+        painted(shown.page)
+        start, tip = re.match(r"M(\S+ \S+)L(\S+ \S+)M", shown.page.locator("#leg-picture .force").get_attribute("d")).groups()
+        (y0, z0), (y1, z1) = (tuple(map(float, text.split())) for text in (start, tip))
+        assert (y0, z0) == (0.0, 215.0)
+        assert (y1 - y0) / (z1 - z0) == pytest.approx(30.0 / -40.0)
+        assert z1 < z0
+        expect(shown.page.locator("#leg-picture .newtons")).to_have_text("50.0 N")
+
+    def test_what_is_guessed_looks_guessed(self, show):
+        shown = show()
+        shown.server.say(messages.leg(source="shaft only", ghost=None, force=None))
+        painted(shown.page)
+        expect(shown.page.locator("#leg-picture .leg")).to_have_class("leg guessed")
+        expect(shown.page.locator("#leg-key")).to_contain_text("only the shaft is known")
+        expect(shown.page.locator("#leg-picture .force")).to_have_attribute("d", "")
+
+    def test_without_a_believed_leg_none_is_drawn(self, show):
+        expect(show(messages.hello(leg=None)).page.locator("#leg-key")).to_have_text("No leg is believed, so none is drawn.")
+
+
+class TestState:
+    def test_the_current_stage_is_marked_and_in_sight(self, show):
+        shown = show()
+        shown.server.say(messages.state(stage=30, stage_done=0.25, stage_label="flap 215 mm, 2.433 rad/s, repeat 10"))
+        now = shown.page.locator("#stage-list [aria-current=step]")
+        expect(now).to_contain_text("repeat 10")
+        expect(now).to_be_in_viewport()
+        assert now.locator("progress").evaluate("bar => bar.value") == 0.25
+        expect(shown.page.locator("#stage-list .past")).to_have_count(30)
+        expect(shown.page.locator("#going-on")).to_have_text("flap 215 mm, 2.433 rad/s, repeat 10")
+
+    def test_after_a_stop_what_was_left_out_is_not_ticked_off(self, show):
+        shown = show()
+        shown.server.say(messages.state(stage=6), messages.state(stage=6, stop_asked="safe point"))
+        shown.server.say(messages.state(stage=36, stop_asked="safe point"), messages.state(stage=-1, ended="stopped by the operator"))
+        expect(shown.page.locator("#stage-list .left")).to_have_count(29)
+        expect(shown.page.locator("#stage-list .past")).to_have_count(8)
+
+    def test_a_short_stage_that_came_and_went_between_two_states_is_done(self, show):
+        shown = show()
+        shown.server.say(messages.state(stage=3), messages.state(stage=6))
+        expect(shown.page.locator("#stage-list .past")).to_have_count(6)
+        expect(shown.page.locator("#stage-list .left")).to_have_count(0)
+
+    def test_a_plan_of_ten_thousand_stages_shows_those_around_now(self, show):
+        stages = [{"label": f"cycles {number}", "kind": "cycles", "duration_s": 60.0} for number in range(10_000)]
+        shown = show(messages.hello(stages=stages))
+        shown.server.say(messages.state(stage=7000))
+        expect(shown.page.locator("#stage-list [aria-current=step]")).to_have_text(re.compile("cycles 7000"))
+        assert shown.page.locator("#stage-list li").count() < 300
+
+    def test_a_limit_tells_how_far_it_is_and_how_near_it_came(self, show):
+        limits = messages.state()["limits"]
+        limits["force"] = {"value": 240.0, "share": 0.8, "peak_share": 0.93, "limit": 300.0}
+        limits["following error"] = {"value": 6.0, "share": 0.2, "peak_share": 0.3, "limit": 30.0}
+        page = show(state=messages.state(limits=limits)).page
+        force = page.get_by_role("meter", name=re.compile("force, trip L-01"))
+        expect(force).to_have_attribute("aria-valuetext", "240 of 300 N, 20 % left")
+        assert force.locator(".fill").evaluate("fill => fill.style.width") == "80%"
+        assert force.locator(".peak").evaluate("peak => peak.style.left") == "93%"
+        expect(page.locator("#limit-list li.close")).to_have_count(1)
+        expect(page.get_by_role("meter", name=re.compile("following"))).to_have_attribute("aria-valuetext", "6.00 of 30.0 deg, 80 % left")
+
+    def test_what_is_bad_stands_out_in_words_too(self, show):
+        health = [{"name": "lost", "value": "212", "is_good": False}, {"name": "drive temperature", "value": "41 degC", "is_good": True}]
+        page = show(state=messages.state(health=health)).page
+        expect(page.locator("#health-list .bad")).to_have_text("lost212 \N{EN DASH} bad")
+        expect(page.locator("#health-head")).to_have_text("Health: 1 bad")
+
+    def test_a_trip_is_large_with_code_and_paragraph(self, show):
+        tripped = messages.state(ended="TRIP L-01", trip={"code": "L-01", "text": "force 312 N, limit 300 N"})
+        page = show(state=tripped).page
+        expect(page.locator("#trip-code")).to_have_text("TRIP L-01")
+        assert page.locator("#trip-code").bounding_box()["height"] > 30
+        expect(page.locator("#trip-link")).to_have_attribute("href", "/trips#l-01")
+        page.wait_for_function("() => document.title === 'TRIP L-01'")
+        expect(page.get_by_role("button", name="Torque off now")).to_be_disabled()
+
+    def test_sim_and_real_differ_without_colour(self, show):
+        look = """mark => { const style = getComputedStyle(mark);
+          return [style.backgroundColor, style.borderTopStyle, mark.querySelector('b').textContent]; }"""
+        sim, real = (show(messages.hello(mark=mark)).page.locator("#mark").evaluate(look) for mark in ("SIM", "REAL"))
+        assert sim == ["rgba(0, 0, 0, 0)", "dashed", "SIM"]
+        assert real == ["rgb(27, 27, 27)", "solid", "REAL"]
+
+
+class TestStopping:
+    @pytest.mark.parametrize(
+        ("button", "how", "said"),
+        [("Stop at the next safe point", "safe point", "stops at the next safe point"), ("Torque off now", "now", "torque off now")],
+    )
+    def test_a_stop_is_sent_once_and_shown(self, show, button, how, said):
+        shown = show(anew=True)
+        shown.page.get_by_role("button", name=button).dblclick()
+        expect(shown.page.locator("#stop-answer")).to_contain_text(said)
+        expect(shown.page.get_by_role("button", name=button)).to_be_disabled()
+        assert shown.server.stops == [{"how": how}]
+
+    def test_torque_off_stays_possible_after_a_safe_stop_was_asked_for_elsewhere(self, show):
+        shown = show(anew=True)
+        shown.server.say(messages.state(stop_asked="safe point"))
+        expect(shown.page.get_by_role("button", name="Stop at the next safe point")).to_be_disabled()
+        shown.page.get_by_role("button", name="Torque off now").click()
+        expect(shown.page.locator("#stop-answer")).to_have_text("Asked: torque off now.")
+        assert shown.server.stops == [{"how": "now"}]
+
+    def test_a_stop_that_was_refused_says_so_and_may_be_tried_again(self, show):
+        shown = show(anew=True)
+        shown.server.stop_status = 500
+        shown.page.get_by_role("button", name="Torque off now").click()
+        expect(shown.page.locator("#stop-answer")).to_have_text("Refused (500). NOT SENT. Use the emergency stop.")
+        expect(shown.page.get_by_role("button", name="Torque off now")).to_be_enabled()
+        shown.watched.complaints.clear()  # the browser notes the 500 in its console
+
+    def test_buttons_stay_where_they_are_whatever_is_said(self, show):
+        shown = show(anew=True)
+        before = shown.page.locator("#stop-now").bounding_box()
+        shown.page.locator("#stop-safe").click()
+        shown.server.say(messages.state(9.0, trip={"code": "L-01", "text": "force " * 40}))
+        expect(shown.page.locator("#trip")).to_be_visible()
+        assert shown.page.locator("#stop-now").bounding_box() == before
+
+
+class TestConnection:
+    def test_silence_covers_the_picture_until_it_is_heard_again(self, show):
+        shown = show(messages.hello(mark="REAL"), anew=True)
+        shown.server.is_silent = True
+        lost = shown.page.get_by_role("alertdialog")
+        expect(lost).to_be_visible()
+        expect(lost).to_contain_text("Connection lost")
+        expect(lost).to_contain_text("s old")
+        assert float(shown.page.locator("main").evaluate("main => getComputedStyle(main).opacity")) < 0.5
+        assert shown.page.title() == "CONNECTION LOST"
+        expect(shown.page.locator("#stop-now")).to_be_enabled()
+        shown.server.is_silent = False
+        expect(lost).to_be_hidden()
+
+    def test_a_closed_connection_is_lost_and_found_again_with_new_traces(self, show):
+        shown = show(anew=True)
+        shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=flat(5.0)))
+        shown.server.hello["title"] = "the next one"
+        shown.server.hang_up()
+        expect(shown.page.get_by_role("alertdialog")).to_be_visible()
+        expect(shown.page.locator("#title")).to_have_text("the next one")
+        expect(shown.page.get_by_role("alertdialog")).to_be_hidden()
+        assert shown.page.evaluate("rfcaView.shown.buckets.t.length") == 0
+
+    def test_the_end_of_a_run_is_no_alarm(self, show):
+        shown = show(state=messages.state(ended="done"), anew=True)
+        shown.server.hang_up()
+        shown.page.wait_for_function("() => document.title.startsWith('ended')")
+        assert not shown.page.get_by_role("alertdialog").is_visible()
+        expect(shown.page.locator("#ended")).to_have_text("The run has ended: done. This picture does not change any more.")
+
+    def test_a_run_that_tells_nothing_new_is_said_to(self, show):
+        expect(show(anew=True).page.locator("#stale")).to_be_visible()
+
+    def test_a_token_of_an_earlier_run_is_told_from_a_loss(self, show):
+        shown = show(anew=True)
+        shown.page.evaluate("rfcaView.connection.token = 'stale'")
+        shown.server.hang_up()
+        expect(shown.page.get_by_role("alertdialog")).to_contain_text("Not allowed")
+        shown.watched.complaints.clear()  # the 403
+
+
+def replayed(show: Callable[..., Shown], anew: bool = True) -> Shown:
+    return show(messages.hello(mode="replay", can_stop=False, duration_s=60.0), messages.state(12.0, speed=1.0), anew=anew)
+
+
+class TestReplay:
+    def test_it_plays_by_itself_and_cannot_be_stopped_only_paused(self, show):
+        shown = replayed(show)
+        assert heard(shown, "play") == [{"kind": "play", "speed": 1}]
+        expect(shown.page.locator("#stop-now")).to_be_disabled()
+        expect(shown.page.locator("#stop-answer")).to_have_text("A recording: there is nothing to stop.")
+        shown.server.heard.clear()
+        shown.page.keyboard.press("Space")
+        assert heard(shown, "play") == [{"kind": "play", "speed": 0}]
+
+    def test_it_stands_still_for_those_who_want_less_motion(self, show, one_page):
+        one_page.page.emulate_media(reduced_motion="reduce")
+        assert heard(replayed(show), "play") == [{"kind": "play", "speed": 0}]
+        one_page.page.emulate_media(reduced_motion="null")
+
+    def test_the_slider_seeks_and_stays_where_it_was_put(self, show):
+        shown = replayed(show)
+        slider = shown.page.get_by_label("Time in the recording")
+        expect(slider).to_have_js_property("value", "12")
+        box = slider.bounding_box()
+        shown.page.mouse.click(box["x"] + 0.75 * box["width"], box["y"] + 0.5 * box["height"])
+        assert heard(shown, "seek")[-1]["at_s"] == pytest.approx(45.0, abs=1.0)
+        assert float(slider.evaluate("slider => slider.value")) == pytest.approx(45.0, abs=1.0)
+        expect(shown.page.locator("#clock")).to_contain_text("of 60.0 s")
+
+    @pytest.mark.parametrize(
+        ("key", "at_s"), [("ArrowRight", 13.0), ("ArrowLeft", 11.0), ("Shift+ArrowLeft", 11.9), ("Home", 0.0), ("End", 60.0)]
+    )
+    def test_keys(self, show, key, at_s):
+        shown = replayed(show, anew=False)
+        shown.page.wait_for_function("() => document.getElementById('slider').value === '12'")
+        shown.server.heard.clear()
+        shown.page.locator("#slider").focus()  # which has a mind of its own about keys
+        shown.page.keyboard.press(key)
+        assert heard(shown, "seek") == [{"kind": "seek", "at_s": pytest.approx(at_s)}]
+        assert shown.page.evaluate("rfcaView.replay.wantedS") == pytest.approx(at_s)
+
+    def test_speed_is_asked_for(self, show):
+        shown = replayed(show)
+        heard(shown, "play")
+        shown.server.heard.clear()
+        shown.page.locator("#speed").select_option("0.25")
+        assert heard(shown, "play") == [{"kind": "play", "speed": 0.25}]
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (1920, 1080), (820, 1180), (1180, 820)])
+def test_nothing_runs_out_of_the_page_at_any_size(show, width, height):
+    page = show().page
+    page.set_viewport_size({"width": width, "height": height})
+    painted(page)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    for part in ("#mark", "#stop-safe", "#stop-now", "#traces", "#leg", "#limits", "#stages", "#health"):
+        box = page.locator(part).bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= width and box["height"] > 20, part
+    assert page.locator("#stop-now").bounding_box()["y"] < 200
+    page.set_viewport_size(DESKTOP)

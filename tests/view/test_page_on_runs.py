@@ -1,0 +1,145 @@
+"""The page in a real browser on the real server: a run on the twin, and a recording."""
+
+import asyncio
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("playwright", reason='the page is tested in a browser: pip install "rfca-rig[dev]"')
+
+from playwright.sync_api import ViewportSize, expect
+
+from rfca_rig.clock import WallClock
+from rfca_rig.engine.run import run_plan
+from rfca_rig.errors import Stopped
+from rfca_rig.recording.form import Stroke
+from rfca_rig.view.legs import Legs
+from rfca_rig.view.live_view import url_of
+from rfca_rig.view.replay import Replay
+from rfca_rig.view.serving import bound, port_of, serve
+from rfca_rig.view.stored_stages import stored_at
+from tests.engine.rigs import one_condition, recorder_on
+from tests.view.browser import WatchedPage, browser
+from tests.view.test_live_view import RIG, viewed
+
+SMALL = Path(__file__).parents[1] / "data" / "small-campaign"
+
+
+@pytest.fixture(scope="module")
+def one_page() -> Iterator[WatchedPage]:
+    with browser() as started:
+        yield WatchedPage(started.new_page(viewport=ViewportSize(width=1280, height=800)))
+
+
+@pytest.fixture
+def watched(one_page: WatchedPage) -> Iterator[WatchedPage]:
+    one_page.complaints.clear()
+    yield one_page
+    assert one_page.complaints == []
+
+
+@contextmanager
+def visited(watched: WatchedPage, url: str) -> Iterator[WatchedPage]:
+    """The page there, which is left before its server goes."""
+    watched.page.goto(url)
+    yield watched
+    watched.page.goto("about:blank")
+
+
+def drawn_extremes(watched: WatchedPage, channel: str) -> list[float]:
+    """Of all buckets that the page has drawn."""
+    return watched.page.evaluate(  # type: ignore[no-any-return]
+        """name => { const { low, high } = rfcaView.shown.buckets;
+          return [Math.min(...low[name].filter(v => v !== null)), Math.max(...high[name].filter(v => v !== null))]; }""",
+        channel,
+    )
+
+
+def extremes(stroke: Stroke, channel: str) -> tuple[float, float]:
+    _, values = stroke.channel(channel)
+    return float(values.min()), float(values.max())
+
+
+def test_a_run_is_seen_with_the_peaks_of_its_recording_and_its_end(tmp_path, watched):
+    plan = one_condition(RIG)
+    with (
+        recorder_on(RIG, tmp_path / "run") as (bench, recorder, kept),
+        viewed(bench, plan) as (view, supervision, _),
+        visited(watched, view.url),
+    ):
+        expect(watched.page.locator("#mark b")).to_have_text("SIM")
+        run_plan(plan, bench, recorder, lambda stage: view.tap.line(stage.label), supervision)
+        view.tap.ended("done", "")
+        expect(watched.page.locator("#ended")).to_contain_text("The run has ended: done")
+        stroke = kept.finish().strokes[0]
+        for channel in ("fy_N", "fz_N", "tx_Nm"):
+            recorded, drawn = extremes(stroke, channel), drawn_extremes(watched, channel)
+            assert drawn[0] <= recorded[0] + 1e-4 and drawn[1] >= recorded[1] - 1e-4  # the run was longer than the stroke
+        assert drawn_extremes(watched, "fz_N")[0] == pytest.approx(extremes(stroke, "fz_N")[0], abs=1e-3)
+        expect(watched.page.locator("#stage-list .past")).to_have_count(len(plan.stages))
+        assert len(watched.page.locator("#leg-picture .leg").get_attribute("points").split()) == 8
+
+
+def test_the_button_stops_the_run(tmp_path, watched):
+    plan = one_condition(RIG)
+    with (
+        recorder_on(RIG, tmp_path / "run") as (bench, recorder, kept),
+        viewed(bench, plan) as (view, supervision, told),
+        visited(watched, view.url),
+    ):
+        watched.page.get_by_role("button", name="Torque off now").click()
+        expect(watched.page.locator("#stop-answer")).to_have_text("Asked: torque off now.")
+        with pytest.raises(Stopped, match="in the view"):
+            run_plan(plan, bench, recorder, lambda stage: view.tap.line(stage.label), supervision)
+        assert len(told) == 1
+        kept.finish()
+
+
+@contextmanager
+def replayed(path: Path) -> Iterator[str]:
+    """The address of a recording that is served from a thread."""
+    stored = stored_at(path)
+    listening, begun = bound(0), threading.Event()
+    over: list[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = []
+
+    async def served() -> None:
+        over.append((asyncio.get_running_loop(), asyncio.Event()))
+        begun.set()
+        await serve(Replay(stored, Legs(stored.believed), WallClock()), "t" * 32, listening, over[0][1], lambda _pages: True)
+
+    thread = threading.Thread(target=asyncio.run, args=(served(),), daemon=True)
+    thread.start()
+    begun.wait(10.0)
+    try:
+        yield url_of(port_of(listening), "t" * 32)
+    finally:
+        over[0][0].call_soon_threadsafe(over[0][1].set)
+        thread.join(10.0)
+
+
+def test_a_recording_is_played_and_sought_with_the_peaks_that_it_has(watched):
+    stroke = stored_at(SMALL).strokes[2].streams()["table"]
+    with replayed(SMALL) as url, visited(watched, url):
+        expect(watched.page.locator("#mark")).to_contain_text("replay")
+        expect(watched.page.locator("#stop-now")).to_be_disabled()
+        watched.page.wait_for_function("() => rfcaView.shown.state.now_s > 0.1")  # it plays
+        watched.page.keyboard.press("Space")
+        watched.page.wait_for_function("() => rfcaView.shown.state.speed === 0")
+        watched.page.keyboard.press("End")
+        watched.page.wait_for_function("() => Math.abs(rfcaView.shown.state.now_s - rfcaView.replay.durationS) < 0.01")
+        watched.page.get_by_role("button", name="30 s", exact=True).click()
+        watched.page.wait_for_function("() => rfcaView.shown.buckets.endS - rfcaView.shown.buckets.t[0] > 10")
+        low, high = drawn_extremes(watched, "fz_N")
+        values = stroke.columns["fz_N"].values
+        assert low <= np.min(values) + 1e-4 and high >= np.max(values) - 1e-4
+        expect(watched.page.locator("#clock")).to_contain_text("of")
+
+
+def test_without_the_right_token_nothing_is_served(watched):
+    with replayed(SMALL) as url:
+        statuses = [watched.page.request.get(address).status for address in (url, url[:-1], url.split("?")[0])]
+        assert statuses == [200, 403, 403]
