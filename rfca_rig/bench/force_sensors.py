@@ -97,7 +97,7 @@ def make_sensor_pair(rig: RigFile, twin: TwinSection, random: np.random.Generato
             return SensorPair(gages, lambda clock: DaqFtSensor(gages, clock, calibration, settings))
         case OwnForceSensorSection():
             keys, (host, device) = _loaded(sensor), serial_line()
-            return SensorPair(twin_of(keys)(device, keys, _noise_std(twin), random), lambda clock: keys.driver(host, clock))
+            return SensorPair(make_own_twin(keys, twin, random, device), lambda clock: keys.driver(host, clock))
 
 
 def _netft_pair(sensor: NetFtSection, twin: TwinSection, random: np.random.Generator, on_link: Callable[[Link], Link]) -> SensorPair:
@@ -118,6 +118,12 @@ def make_netft_twins(sensor: NetFtSection, twin: TwinSection, random: np.random.
 def make_serial_twin(sensor: AtiSerialSection, twin: TwinSection, random: np.random.Generator, line: SerialLine) -> AtiSerialTwin:
     """The twin of an F/T controller on a serial line from elsewhere."""
     return AtiSerialTwin(line, _serial_twin(sensor, twin), random)
+
+
+def make_own_twin(sensor: ForceSensorKeys, twin: TwinSection, random: np.random.Generator, line: SerialLine) -> SensorTwin:
+    """The twin of a sensor of a lab's own on a serial line from elsewhere."""
+    made: SensorTwin = twin_of(sensor)(line, sensor, _noise_std(twin), random)
+    return made
 
 
 def _netft(sensor: NetFtSection) -> NetFtSettings:

@@ -1,12 +1,13 @@
 """Which openings the devices of a rig file have when they are served."""
 
 from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 
-from rfca_rig.bench.force_sensors import make_netft_twins, make_serial_twin
+from rfca_rig.bench.force_sensors import make_netft_twins, make_own_twin, make_serial_twin
 from rfca_rig.bench.openings import Openings, Reached
-from rfca_rig.description.force_sensor_sections import AtiSerialSection, NetFtSection
+from rfca_rig.description.force_sensor_sections import AtiSerialSection, ForceSensorKeys, NetFtSection
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.command_port import CommandPort
@@ -29,10 +30,11 @@ class ServedSensor:
             self._link = UdpLink(openings.host, openings.rdt_port)
             stack.callback(self._link.close)
             reached.note(self._link.address(), host=openings.host, rdt_port=self._link.port)
-        elif isinstance(sensor, AtiSerialSection):
+        elif isinstance(sensor, AtiSerialSection | ForceSensorKeys):
             self._line = PseudoTerminal()
             stack.callback(self._line.close)
-            reached.note(f"F/T controller on serial line {self._line.path}", host=openings.host, serial=self._line.path)
+            name = "F/T controller" if isinstance(sensor, AtiSerialSection) else Path(sensor.file).name
+            reached.note(f"{name} on serial line {self._line.path}", host=openings.host, serial=self._line.path)
         else:
             raise BadInput(f"{rig.rig.title}: a {sensor.device} has no wire that others could read; it works in this process only")
 
@@ -41,6 +43,8 @@ class ServedSensor:
         sensor = rig.force_sensor
         if isinstance(sensor, AtiSerialSection):
             return make_serial_twin(sensor, twin, random, self._line)
+        if isinstance(sensor, ForceSensorKeys):
+            return make_own_twin(sensor, twin, random, self._line)
         if not isinstance(sensor, NetFtSection):
             raise BadInput(f"{rig.rig.title}: a {sensor.device} cannot be served")
         streaming, box = make_netft_twins(sensor, twin, random, TamperedLink(self._link, self._panel))

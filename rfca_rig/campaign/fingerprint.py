@@ -26,7 +26,7 @@ def fingerprint(path: Path) -> Fingerprint:
         return Fingerprint(RECORDING, sha256_of(path / RECORDING))
     files = _files(path)
     lines = "".join(f"{sum_line(file, path)}\n" for file in files)
-    return Fingerprint(f"sha256sum of {len(files)} files", hashlib.sha256(lines.encode()).hexdigest())
+    return Fingerprint(f"the lines of sha256sum for {len(files)} files", hashlib.sha256(lines.encode()).hexdigest())
 
 
 def _files(folder: Path) -> list[Path]:

@@ -13,7 +13,7 @@ from rfca_rig.cli.progress import progress
 from rfca_rig.cli.terminal import Say, marked
 from rfca_rig.description.own_devices import texts_of
 from rfca_rig.engine.bench import Bench
-from rfca_rig.errors import DiskFull, RigError
+from rfca_rig.errors import DiskFull, RigError, Tripped
 from rfca_rig.model.catalogue import lab_texts
 from rfca_rig.progress import Watcher, unwatched
 from rfca_rig.recording import run_folder
@@ -98,7 +98,8 @@ def keep(order: Order, run: Kept, say: Say) -> None:
     try:
         if run.recorder.samples or order.begun:
             finish(order, run, quiet=True)
-            say(f"kept {counted(run.folder)} in {run.folder}; rfca-rig resume {run.folder} goes on")
+            after = " --after-trip" if run.outcome.exit_status == Tripped.exit_code else ""
+            say(f"kept {counted(run.folder)} in {run.folder}; rfca-rig resume {run.folder}{after} goes on")
         else:
             run.keeper.finish(run.outcome.why)
             _read_photos(order, run, unwatched)

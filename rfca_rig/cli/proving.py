@@ -55,12 +55,12 @@ def prove(
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
     result = examined(out)
     write_exam(result, out)
-    printing.print([out / "exam.html"], as_json)
     if as_json:
         typer.echo((out / "exam.json").read_text(encoding="utf-8"), nl=False)
-        return
-    print_lines([*wording(result.marks), *(way.words for way in result.ways)])
-    typer.echo(f"{out / 'exam.html'}: the whole result", err=True)
+    else:
+        print_lines([*wording(result.marks), *(way.words for way in result.ways)])
+        typer.echo(f"{out / 'exam.html'}: the whole result", err=True)
+    printing.print([out / "exam.html"], as_json)
 
 
 def diagnose_as_typed(campaign: Path, into: Path) -> None:

@@ -40,6 +40,8 @@ class Hiring:
 class Workers(Crew):
     """The workers of a scheduler, each of one thread."""
 
+    calm_after_loss_s = 5.0  # a job array whose time is over ends within it
+
     def __init__(self, client: Any, terms: Terms, facts: Callable[[], Facts], hiring: Hiring, clock: Clock) -> None:
         self._client, self._terms, self._facts, self._hiring, self._clock = client, terms, facts, hiring, clock
         self._executor = client.get_executor(pure=False)

@@ -53,19 +53,20 @@ def done(
     depend neither on the number of workers nor on where they are. `clocks` times the batches, of `batch_s` or more; 0 for none. Raises
     RigError where the crew is no more.
     """
-    rest = _Rest(len(items), batch_s)
+    clock = clocks()
+    rest = _Rest(len(items), batch_s, crew.calm_after_loss_s)
     running: dict[Future[_Back[Result]], Sequence[int]] = {}
     finished: SimpleQueue[Future[_Back[Result]]] = SimpleQueue()
     try:
         while running or rest:
-            while rest and len(running) < crew.at_once:
-                numbers = rest.batch(crew.workers)
+            while rest.has_ready(clock.now_s()) and len(running) < crew.at_once:
+                numbers = rest.batch(clock.now_s(), crew.workers)
                 future = crew.submit(partial(_together, work, clocks), [items[number] for number in numbers])
                 running[future] = numbers
                 future.add_done_callback(finished.put)
             if (back := _next(finished, crew)) is not None:
                 numbers = running.pop(back)
-                yield from ((items[number], result) for number, result in rest.outcome(numbers, back))
+                yield from ((items[number], result) for number, result in rest.outcome(clock.now_s(), numbers, back))
     finally:
         for future in running:
             future.cancel()
@@ -83,50 +84,57 @@ def _next(finished: "SimpleQueue[Future[_Back[Result]]]", crew: Crew) -> Future[
 class _Rest:
     """What is still to hand out, by number: pieces that nobody has had, and those that were lost, to be done alone."""
 
-    def __init__(self, count: int, batch_s: float) -> None:
-        self._batch_s = batch_s
+    def __init__(self, count: int, batch_s: float, calm_s: float) -> None:
+        self._batch_s, self._calm_s = batch_s, calm_s
         self._fresh = deque(range(count))
-        self._alone: deque[int] = deque()
+        self._alone: deque[tuple[float, int]] = deque()  # and when they may be handed out again
         self._lost: Counter[int] = Counter()
         self._seconds_each = max(batch_s, 1e-6)
 
     def __bool__(self) -> bool:
         return bool(self._fresh or self._alone)
 
-    def batch(self, workers: int) -> Sequence[int]:
+    def has_ready(self, now_s: float) -> bool:
+        """Whether anything can be handed out now."""
+        return bool(self._fresh) or self._is_calm(now_s)
+
+    def _is_calm(self, now_s: float) -> bool:
+        return bool(self._alone) and self._alone[0][0] <= now_s
+
+    def batch(self, now_s: float, workers: int) -> Sequence[int]:
         """The next to hand out: as much as takes the time of a batch, fewer where the others would be left with none."""
-        if self._alone:
-            return [self._alone.popleft()]
+        if self._is_calm(now_s):
+            return [self._alone.popleft()[1]]
         seconds = self._batch_s and max(self._batch_s, BATCH_PER_WORKER_S * workers)
         size = min(round(seconds / self._seconds_each), ceil(len(self._fresh) / (4 * workers)))
         return [self._fresh.popleft() for _ in range(max(1, size))]
 
-    def outcome(self, numbers: Sequence[int], future: "Future[_Back[Result]]") -> Iterator[tuple[int, Result | Failed]]:
+    def outcome(self, now_s: float, numbers: Sequence[int], future: "Future[_Back[Result]]") -> Iterator[tuple[int, Result | Failed]]:
         """What has come back for good; what was lost waits for another turn."""
         try:
             back = future.result()
         except CancelledError:
             raise RigError("the work was cancelled from outside; the same command goes on where it stood") from None
         except WorkerLost as lost:
-            yield from self._after_loss(numbers, lost)
+            yield from self._after_loss(now_s, numbers, lost)
         except RigError:  # the crew's own: what the work raises has come back as text
             raise
         except Exception as error:  # a result that cannot travel: whose it is shows when they are done one by one
             if len(numbers) == 1:
                 yield numbers[0], failure(error)
             else:
-                self._alone.extend(numbers)
+                self._alone.extend((now_s, number) for number in numbers)
         else:
             self._seconds_each = max(back.seconds, 1e-6) / len(numbers)
             yield from zip(numbers, back.results, strict=True)
 
-    def _after_loss(self, numbers: Sequence[int], lost: WorkerLost) -> Iterator[tuple[int, Failed]]:
+    def _after_loss(self, now_s: float, numbers: Sequence[int], lost: WorkerLost) -> Iterator[tuple[int, Failed]]:
         """In a batch nobody knows whose fault it was."""
         if len(numbers) == 1:
             self._lost[numbers[0]] += lost.times
         for number in numbers:
             if self._lost[number] < LOST_TOO_OFTEN:
-                self._alone.append(number)
+                self._alone.append((now_s + self._calm_s, number))
             else:
                 yield number, Failed(f"{self._lost[number]} workers were lost over it: {lost}")
 

@@ -20,8 +20,11 @@ class WorkerLost(Exception):
 class Crew(Executor):
     """An executor whose futures end in WorkerLost where a worker was lost; the others do not notice.
 
-    Functions must be importable by name where the work is done, arguments and results picklable.
+    Functions must be importable by name where the work is done, arguments and results picklable. Lost work is not handed out again before
+    `calm_after_loss_s` have passed: where workers end together, it must not be blamed for the next one as well.
     """
+
+    calm_after_loss_s = 0.0
 
     @property
     @abstractmethod

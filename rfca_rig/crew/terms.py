@@ -39,7 +39,7 @@ class Terms:
 
 
 def facts_here() -> Facts:
-    """Versions, the very source of this package, and how linear algebra runs in a worker."""
+    """Versions, and the very source of this package."""
     return {
         "Python": platform.python_version(),
         "rfca_rig": rfca_rig.__version__,

@@ -158,7 +158,7 @@ class RigFile(Section):
             return None
         path = Path(self.camera.calibration_file)
         if not path.is_file():
-            raise BadInput(f"{path}: not there; [camera] of the rig file names it as calibration_file: rfca-rig calibrate camera writes one")
+            raise BadInput(f"{path}: not there; [camera] of the rig file names it as calibration_file; rfca-rig calibrate camera makes it")
         return self.eye_behind(read_text(path), path)
 
     def eye_behind(self, camera_text: str, path: Path) -> Eye | None:

@@ -81,7 +81,8 @@ def judge_own_sensor(sensor: ForceSensor, clock: Clock) -> Finding:
     except RigError as error:
         return red(SENSOR, str(error), NEXT, "rfca-rig contract YOUR-RIG.toml")
     health = sensor.health()
-    said = f"{health.received / (clock.now_s() - began_s):.0f} records/s, {health.lost} lost, {health.malformed} pieces of the stream no records"
+    rate_Hz = health.received / (clock.now_s() - began_s)
+    said = f"{rate_Hz:.0f} records/s, {health.lost} lost, {health.malformed} pieces of the stream no records"
     if not health.received:
         return red(SENSOR, f"no record within {LISTEN_S:g} s", "check its power, the cable, and port and bits_per_s under [force_sensor]")
     if health.notes:

@@ -19,7 +19,7 @@ from rfca_rig.drivers.netft_box import HttpBox
 
 NETFT_AS_DELIVERED = "192.168.1.1"
 NETFT_RATE_Hz = 7000.0
-NETFT_WITHIN_S = 1.0
+NETFT_WITHIN_S = 0.5
 
 
 def scan(runs: Path, clock: Clock) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""When things happened by the host's clock, of which a recording knows two: seconds since the run began, and, in its events, UTC."""
+"""When things happened in UTC. A host clock counts seconds from its start, anew where a run was resumed; the run's events tell both."""
 
 import json
 from bisect import bisect_right
@@ -9,16 +9,20 @@ from typing import Any
 
 import numpy as np
 
+from rfca_rig.bench.begun import RESUMED
 from rfca_rig.export.stored import StoredStage, StoredStream
 from rfca_rig.recording.rows import HOST_TIME
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 NS = 1_000_000_000
+APART_S = 1.0  # stages of which nobody knows when they were
+
+Event = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class HostClock:
-    """Pairs of both clocks, ascending; between two the time runs on from the one before. Without any, it begins in 1970."""
+    """Pairs of both clocks of one part of a run, ascending; between two the time runs on from the one before. Without any, from 1970."""
 
     at_s: tuple[float, ...] = ()
     utc_ns: tuple[int, ...] = ()
@@ -31,15 +35,13 @@ class HostClock:
         return self.utc_ns[pair] + round((host_s - self.at_s[pair]) * NS)
 
 
-def host_clock(events: Iterable[Mapping[str, Any]]) -> HostClock:
-    """From the events of a run."""
-    pairs = sorted((float(event["t_s"]), _ns(str(event["utc"]))) for event in events if "t_s" in event and "utc" in event)
-    return HostClock(tuple(at_s for at_s, _ in pairs), tuple(utc_ns for _, utc_ns in pairs))
+@dataclass(frozen=True)
+class Begun:
+    """A stage that began, by the clock of its part of the run."""
 
-
-def _ns(utc: str) -> int:
-    """Exact, where a float of seconds would lose the last hundred nanoseconds."""
-    return (datetime.fromisoformat(utc) - EPOCH) // timedelta(microseconds=1) * 1000
+    label: str
+    at_s: float
+    clock: HostClock
 
 
 def events_in(provenance: Mapping[str, str]) -> list[dict[str, Any]]:
@@ -47,15 +49,27 @@ def events_in(provenance: Mapping[str, str]) -> list[dict[str, Any]]:
     return [json.loads(line) for line in provenance.get("events", "").splitlines()]
 
 
-def placed(stages: Iterable[StoredStage]) -> Iterator[tuple[float, StoredStage]]:
-    """Each stage with the host time of its zero. Where no host time was recorded, stages follow each other a second apart."""
-    free_s = 0.0
+def event_times(events: Iterable[Event]) -> Iterator[tuple[int, Event]]:
+    """Each with its UTC in ns; one without has that of the one before."""
+    ns = 0
+    for part in _parts(events):
+        for event in part.events:
+            ns = part.ns(event) if "utc" in event else ns
+            yield ns, event
+
+
+def placed(stages: Iterable[StoredStage], events: Iterable[Event]) -> list[tuple[int, StoredStage]]:
+    """Each stage with the UTC of its zero in ns, in the order of time. Where no host time was recorded, stages follow a second apart."""
+    begun = list(_begun(events))
+    found: list[tuple[int, StoredStage]] = []
+    free_ns = 0
     for stage in stages:
         zero_s = zero_of(stage)
-        if zero_s is None:
-            zero_s = free_s - min((float(stream.t_s[:1][0]) for stream in stage.streams if len(stream.t_s)), default=0.0)
-        yield zero_s, stage
-        free_s = 1.0 + zero_s + max((float(stream.t_s[-1:][0]) for stream in stage.streams if len(stream.t_s)), default=0.0)
+        first_s, last_s = _span_s(stage)
+        zero_ns = free_ns - round(first_s * NS) if zero_s is None else _clock_of(stage, zero_s + first_s, begun).ns(zero_s)
+        found.append((zero_ns, stage))
+        free_ns = zero_ns + round((last_s + APART_S) * NS)
+    return sorted(found, key=lambda pair: pair[0])
 
 
 def zero_of(stage: StoredStage) -> float | None:
@@ -64,6 +78,66 @@ def zero_of(stage: StoredStage) -> float | None:
     return min(least, default=None)
 
 
+def first_of(stage: StoredStage) -> float:
+    """The time of its first sample, from its zero."""
+    return _span_s(stage)[0]
+
+
+def _clock_of(stage: StoredStage, first_s: float, begun: list[Begun]) -> HostClock:
+    """That of the part of the run in which a stage of this name began about when the first sample came."""
+    named = [one for one in begun if one.label == stage.label] or begun
+    return min(named, key=lambda one: abs(one.at_s - first_s)).clock if named else HostClock()
+
+
+def _begun(events: Iterable[Event]) -> Iterator[Begun]:
+    for part in _parts(events):
+        timed = [event for event in part.events if "t_s" in event and "utc" in event]
+        pairs = sorted((float(event["t_s"]), part.ns(event)) for event in timed)
+        clock = HostClock(tuple(at_s for at_s, _ in pairs), tuple(utc_ns for _, utc_ns in pairs))
+        yield from (Begun(str(event.get("stage", "")), float(event["t_s"]), clock) for event in timed)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What happened from start or resumption to stop, and by how much later than its clock says it counts."""
+
+    events: list[Event]
+    later_ns: int
+
+    def ns(self, event: Event) -> int:
+        return _utc_ns(event) + self.later_ns
+
+
+def _parts(events: Iterable[Event]) -> Iterator[_Part]:
+    """A run that was resumed has several. Those of a twin all begin in 2000: a part counts from when the one before has ended."""
+    free_ns = 0
+    for part in _split(events):
+        times = [_utc_ns(event) for event in part if "utc" in event]
+        later_ns = max(0, free_ns - min(times)) if times else 0
+        yield _Part(part, later_ns)
+        free_ns = max(times, default=0) + later_ns + round(APART_S * NS)
+
+
+def _split(events: Iterable[Event]) -> Iterator[list[Event]]:
+    part: list[Event] = []
+    for event in events:
+        if event.get("event") == RESUMED:
+            yield part
+            part = []
+        part.append(event)
+    yield part
+
+
+def _utc_ns(event: Event) -> int:
+    """Exact, where a float of seconds would lose the last hundred nanoseconds."""
+    return (datetime.fromisoformat(str(event["utc"])) - EPOCH) // timedelta(microseconds=1) * 1000
+
+
 def _least_delay(stream: StoredStream) -> float:
     host = stream.columns[HOST_TIME].raw
     return min(float(np.min(host[rows] - stream.t_s[rows])) for rows in stream.blocks())
+
+
+def _span_s(stage: StoredStage) -> tuple[float, float]:
+    spans = [(float(stream.t_s[:1][0]), float(stream.t_s[-1:][0])) for stream in stage.streams if len(stream.t_s)]
+    return min((first for first, _ in spans), default=0.0), max((last for _, last in spans), default=0.0)

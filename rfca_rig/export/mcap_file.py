@@ -22,7 +22,7 @@ from mcap.writer import CompressionType, Writer
 
 from rfca_rig.channels import UNITS
 from rfca_rig.export import foxglove_messages as foxglove
-from rfca_rig.export.host_clock import NS, HostClock, events_in, host_clock, placed
+from rfca_rig.export.host_clock import NS, event_times, events_in, first_of, placed
 from rfca_rig.export.sample_messages import Layout, layout_of, packed_samples
 from rfca_rig.export.stored import Stored, StoredStage, StoredStream, static_row, stored_at
 from rfca_rig.progress import Watcher, counted
@@ -99,7 +99,6 @@ class _McapFile:
         self._writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._stored = stored
         self._events = events_in(stored.provenance)
-        self._clock = host_clock(self._events)
         self._channels = _Channels(self._writer, stored.source)
         self._messages = self._pictures = 0
         self._missing: list[str] = []
@@ -125,35 +124,35 @@ class _McapFile:
 
     def _logged(self) -> Iterator[Message]:
         channel = self._channels.plain("/log", foxglove.LOG)
-        ns = self._clock.ns(0.0)
-        yield ns, channel, foxglove.log(ns, f"{self._stored.source} recording: {self._stored.title}")
-        for event in self._events:
-            ns = self._clock.ns(float(event["t_s"])) if "t_s" in event else ns
+        events = list(event_times(self._events))
+        begin_ns = events[0][0] if events else 0
+        yield begin_ns, channel, foxglove.log(begin_ns, f"{self._stored.source} recording: {self._stored.title}")
+        for ns, event in events:
             yield ns, channel, foxglove.log(ns, event_text(event), "error" if "TRIP" in str(event.get("why", "")) else "info")
 
     def _recorded(self, told: Watcher) -> Iterator[Message]:
         """Stage after stage; static stages of which only the means are known follow a second apart."""
-        stages = sorted(placed((*self._stored.strokes, *self._stored.raw)), key=itemgetter(0))
+        stages = placed((*self._stored.strokes, *self._stored.raw), self._events)
         holds = held_behind(self._stored.static, [stage for _, stage in stages])
-        ns = self._clock.ns(0.0)
-        for zero_s, stage in counted(stages, told):
-            for message in merge(*self._stage_messages(zero_s, stage, holds.get(id(stage))), key=itemgetter(0)):
+        ns = 0
+        for zero_ns, stage in counted(stages, told):
+            for message in merge(*self._stage_messages(zero_ns, stage, holds.get(id(stage))), key=itemgetter(0)):
                 ns = max(ns, message[0])
                 yield message
         for held in self._stored.static if not holds else ():
             ns += NS
             yield from self._held_messages(ns, held)
 
-    def _stage_messages(self, zero_s: float, stage: StoredStage, held: StaticStage | None) -> Iterator[Iterable[Message]]:
+    def _stage_messages(self, zero_ns: int, stage: StoredStage, held: StaticStage | None) -> Iterator[Iterable[Message]]:
         """One ascending row of messages per channel."""
-        begin_ns = self._clock.ns(zero_s + min((float(stream.t_s[:1][0]) for stream in stage.streams if len(stream.t_s)), default=0.0))
+        begin_ns = zero_ns + round(first_of(stage) * NS)
         channel = self._channels.plain("/stage", foxglove.STAGE)
         yield [(begin_ns, channel, foxglove.values(label=stage.label, **stage.about))]
         if held is not None:
             yield list(self._held_messages(begin_ns, held))
         for stream in stage.streams:
             if len(stream.t_s):
-                yield _samples(stream, *self._channels.samples(stream), self._clock, zero_s)
+                yield _samples(stream, *self._channels.samples(stream), zero_ns)
 
     def _held_messages(self, ns: int, held: StaticStage) -> Iterator[Message]:
         yield ns, self._channels.plain("/static", foxglove.STATIC), foxglove.values(**static_row(held))
@@ -170,9 +169,8 @@ class _McapFile:
             yield ns, self._channels.plain(topic, foxglove.IMAGE), picture
 
 
-def _samples(stream: StoredStream, channel: int, layout: Layout, clock: HostClock, zero_s: float) -> Iterator[Message]:
+def _samples(stream: StoredStream, channel: int, layout: Layout, zero_ns: int) -> Iterator[Message]:
     size = layout.dtype.itemsize
-    zero_ns = clock.ns(zero_s)
     for t_s, content in packed_samples(stream, layout):
         times = (zero_ns + np.rint(t_s * NS).astype(np.int64)).tolist()
         for row, ns in enumerate(times):

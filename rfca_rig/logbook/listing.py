@@ -19,7 +19,7 @@ def list_runs(runs: Path, told: Watcher = unwatched) -> list[Entry]:
     Raises BadInput where there is no such folder.
     """
     if not runs.is_dir():
-        raise BadInput(f"{runs}: is no folder; name the folder that your runs are in with --runs")
+        raise BadInput(f"{runs}: is no folder; name the one that your runs are in with --runs, or record one: rfca-rig dynamic run")
     known = read_index(runs)
     found = list(runs_below(runs))
     rows = _rows(runs, found, known, told)

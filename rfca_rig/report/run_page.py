@@ -1,6 +1,7 @@
 """run.html: how a run went, one self-contained page."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from rfca_rig.report import run_pictures
 from rfca_rig.report.origin import Told
@@ -9,9 +10,10 @@ from rfca_rig.report.run_parts import RunStory
 from rfca_rig.report.run_tables import MOST_ROWS, checks_table, clocks_table, done_table, events_table, stages_table
 from rfca_rig.report.table import Table
 from rfca_rig.report.templates import template
-from rfca_rig.report.wording import counted, unbroken
+from rfca_rig.report.wording import counted, in_thousands, unbroken
 
 DONE = "done"
+MOST_CHECKS = 20
 LIMIT_WORDS = (
     ("force_N", "force", "N", 1.0),
     ("torque_Nm", "moment", "N m", 1.0),
@@ -30,7 +32,7 @@ def page(story: RunStory, tables: Sequence[Table], told: Told, files: Sequence[s
     """The page as HTML; `tables` are those of `run_tables_of`."""
     recording, kept = story.recording, story.recording.provenance
     stages, done, checks = tables
-    shown = run_pictures.traced(story.parts)
+    shown, stages_shown = run_pictures.traced(story.parts), run_pictures.static_shown(recording.static)
     return template("run.html").render(
         sheets=("verdict.css",),
         origin=told.origin,
@@ -50,10 +52,12 @@ def page(story: RunStory, tables: Sequence[Table], told: Told, files: Sequence[s
         left_out=max(len(stages.rows) - MOST_ROWS, 0),
         traces=run_pictures.traces(shown, story.rig) if shown else "",
         traced=_traced(len(shown), sum(part.trace is not None for part in story.parts)),
-        static=run_pictures.static_forces(recording.static) if recording.static else "",
+        static=run_pictures.static_forces(stages_shown) if stages_shown else "",
+        static_count=_of(len(stages_shown), len(recording.static), "stage"),
         cycles=run_pictures.over_cycles(story) if run_pictures.has_cycles(recording) else "",
         cycle_count=counted(sum(part.count for part in story.parts if part.label.startswith("cycles ")), "cycle"),
-        checks=checks,
+        checks=_evenly(checks),
+        check_count=len(checks.rows),
         check_picture=run_pictures.over_checks(checks) if checks.rows else "",
         clocks=clocks_table(recording),
         events=events_table(story.events),
@@ -81,6 +85,13 @@ def _few(stages: Table) -> Table:
     """The first rows, and all that were cut short."""
     rows = tuple(row for place, row in enumerate(stages.rows) if place < MOST_ROWS or row.marked)
     return Table(stages.name, stages.caption, stages.columns, rows)
+
+
+def _evenly(checks: Table) -> Table:
+    """So many checks as a reader looks at, first and last among them, and all beyond the limit."""
+    count = len(checks.rows)
+    kept = {round(part * (count - 1) / (MOST_CHECKS - 1)) for part in range(MOST_CHECKS)} if count > MOST_CHECKS else set(range(count))
+    return replace(checks, rows=tuple(row for place, row in enumerate(checks.rows) if place in kept or row.marked))
 
 
 def _stamp(story: RunStory) -> tuple[str, str]:
@@ -115,7 +126,10 @@ def _share(story: RunStory, done: Table) -> dict[str, str] | None:
         return None
     count = sum(int(str(row.values["done"])) for row in done.rows)
     words = {"dynamic": "strokes", "static": "static stages", "fatigue": "cycles and stages"}
-    return {"count": f"{count} of {planned}", "of": f"{words[story.plan.experiment] if story.plan else 'parts'} recorded"}
+    return {
+        "count": f"{in_thousands(str(count))} of {in_thousands(str(planned))}",
+        "of": f"{words[story.plan.experiment] if story.plan else 'parts'} recorded",
+    }
 
 
 def _loads_sentence(story: RunStory) -> str:
@@ -131,5 +145,10 @@ def _loads_sentence(story: RunStory) -> str:
 
 
 def _traced(shown: int, of: int) -> str:
-    many = counted(shown, "stroke") if shown == of else f"{shown} of {of} strokes, evenly over the run"
-    return f"{many}, each measured once, on one scale. Expected: the model as it was believed, with the shaft as commanded."
+    strokes = _of(shown, of, "stroke")
+    return f"{strokes}, each measured once, on one scale. Expected: the model as it was believed, with the shaft as commanded."
+
+
+def _of(shown: int, of: int, what: str) -> str:
+    """How many are shown, where that is not all."""
+    return counted(of, what) if shown == of else f"{shown} of {counted(of, what)}, evenly over the run"

@@ -84,7 +84,7 @@ class RunStory:
 def story_of(recording: Recording) -> RunStory:
     """Whatever the recording holds of it; a plan of another version, or a belief that makes no model, are done without."""
     plan, rig = _plan(recording), _rig(recording)
-    events = tuple(json.loads(line) for line in recording.provenance.get("events", "").splitlines())
+    events = tuple(_events(recording.provenance.get("events", "")))
     limits = json.loads(recording.provenance.get("limits", "{}"))
     begun, last_limits = _beginnings(events, limits)
     parts = sorted(_parts(recording, _Expected(plan, rig), begun), key=lambda part: part.begun.place if part.begun else -1)
@@ -100,6 +100,17 @@ def _beginnings(events: Sequence[Mapping[str, Any]], limits: Mapping[str, float]
         changed = {name.removeprefix(LIMITS): value for name, value in event.get("rig_changes", {}).items() if name.startswith(LIMITS)}
         limits = {**limits, **{name: float(value) for name, value in changed.items() if name in limits}}
     return begun, limits
+
+
+def _events(text: str) -> Iterator[Mapping[str, Any]]:
+    """Line by line; what is no event, as somebody else's file may hold, is passed over."""
+    for line in text.splitlines():
+        try:
+            event = json.loads(line)
+        except ValueError:
+            continue
+        if isinstance(event, dict) and "event" in event:
+            yield event
 
 
 def _plan(recording: Recording) -> Plan | None:

@@ -22,10 +22,12 @@ from rfca_rig.report.look import BAD, FAINT, MEASURED, PAPER, SIMULATED, drawing
 from rfca_rig.report.run_parts import Part, RunStory
 from rfca_rig.report.small_multiples import mark_axes, panels_of, title
 from rfca_rig.report.table import Table
+from rfca_rig.report.wording import in_thousands
 
 Floats = NDArray[np.float64]
 
 MOST_TRACES = 40
+MOST_STAGES = 60
 ACROSS = 5
 TRACE_COLUMNS = 60
 CYCLE_COLUMNS = 300
@@ -87,6 +89,16 @@ def _expected(rig: RigModel, height_m: float, speed_rad_s: float, end_s: float) 
     return found.t_s, found.fz_N
 
 
+def static_shown(stages: Sequence[StaticStage]) -> list[StaticStage]:
+    """All, or of too many whole sequences of loading evenly over the run, the first and the last among them."""
+    if len(stages) <= MOST_STAGES:
+        return list(stages)
+    pieces = np.split(np.arange(len(stages)), _anew(stages))
+    count = max(2, MOST_STAGES * len(pieces) // len(stages))
+    kept = sorted({round(place) for place in np.linspace(0, len(pieces) - 1, count)})
+    return [stages[place] for number in kept for place in pieces[number]]
+
+
 def static_forces(stages: Sequence[StaticStage]) -> str:
     """Means over the shaft's angle, a line for each height; on the way back hollow."""
     heights = sorted({stage.height_m for stage in stages})
@@ -134,7 +146,7 @@ def over_cycles(story: RunStory) -> str:
         axes.set_xlabel("cycle")
         axes.set_ylabel("force (N)")
         axes.margins(x=0.0, y=0.08)
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        _count_below(axes)
         return inline_svg(figure, "cycles", "largest force and least fz of each cycle over its number")
 
 
@@ -151,6 +163,7 @@ def over_checks(checks: Table) -> str:
         axes.vlines(x, drift - half, drift + half, color=MEASURED, lw=0.9)
         axes.plot(x, drift, color=MEASURED, lw=0.6, marker="o", ms=3.5)
         axes.set_xlim(0.0, 1.04 * float(x.max()))
+        _count_below(axes)
         axes.set_xlabel("cycles")
         axes.set_ylabel("drift (%)")
         return inline_svg(figure, "checks", "drift of the stiffness over cycles, between its limits")
@@ -159,6 +172,12 @@ def over_checks(checks: Table) -> str:
 def _wide() -> tuple[Figure, Axes]:
     figure = Figure(figsize=WIDE_IN)
     return figure, figure.add_axes(BOX)
+
+
+def _count_below(axes: Axes) -> None:
+    """Whole numbers written out."""
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.xaxis.set_major_formatter(lambda value, _: in_thousands(f"{value:.0f}"))
 
 
 def has_cycles(recording: Recording) -> bool:

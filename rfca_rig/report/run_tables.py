@@ -94,7 +94,7 @@ def done_table(story: RunStory) -> Table:
         Column("condition", "Condition"),
         *((Column("planned", "Planned"),) if planned else ()),
         Column("done", "Done"),
-        Column("mean_peak_force_N", "mean", digits=1, half="std_peak_force_N", over="Peak force"),
+        Column("mean_peak_force_N", "mean", digits=2, half="std_peak_force_N", over="Peak force"),
         Column("std_peak_force_N", role="kept"),
         Column("largest_peak_force_N", "largest", digits=1, over="Peak force"),
         Column("expected_force_N", "expected", digits=1, over="Peak force"),

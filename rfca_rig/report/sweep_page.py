@@ -8,7 +8,7 @@ from rfca_rig.report.origin import Origin, version_text
 from rfca_rig.report.sweep_pictures import drawn_points, drawn_view
 from rfca_rig.report.sweep_sensitivities import MOST_GROUPS, Explained, table_of
 from rfca_rig.report.sweep_views import Drawn, View, drawn_groups, views
-from rfca_rig.report.sweep_words import name_and_unit, shown, with_unit
+from rfca_rig.report.sweep_words import formula, name_and_unit, shown, with_unit
 from rfca_rig.report.table import Column, Row, Table
 from rfca_rig.report.templates import template
 from rfca_rig.report.wording import counted, number
@@ -28,6 +28,7 @@ def page(result: SweepResult, found: list[Explained], command: str) -> str:
     """The page as HTML; `found` are the sensitivities, none for a grid."""
     plan = result.plan
     figures, left_out = _figures(result, found)
+    without = [_title(asked) for asked in plan.outputs if asked not in _known(result)]
     return template("sweep.html").render(
         sheets=[],
         origin=Origin(command, (), version_text()),
@@ -36,6 +37,7 @@ def page(result: SweepResult, found: list[Explained], command: str) -> str:
         standfirst=_standfirst(result),
         figures=figures,
         left_out=left_out,
+        without=without,
         sensitivities=table_of(found) if found else None,
         varied=_varied(result),
         outputs=_outputs(result),
@@ -61,10 +63,15 @@ def _figures(result: SweepResult, found: list[Explained]) -> tuple[list[dict[str
     if result.plan.samples is not None:
         groups = list(drawn_groups(result.plan))
         shown_groups = groups[:MOST_GROUPS]
-        drawn = [_points_figure(result, asked, group, found) for group in shown_groups for asked in result.plan.outputs]
+        drawn = [_points_figure(result, asked, group, found) for group in shown_groups for asked in _known(result)]
         return drawn, len(groups) - len(shown_groups)
     shown_views, there_are = views(result.plan)
-    return [_grid_figure(result, asked, view) for view in shown_views for asked in result.plan.outputs], there_are - len(shown_views)
+    return [_grid_figure(result, asked, view) for view in shown_views for asked in _known(result)], there_are - len(shown_views)
+
+
+def _known(result: SweepResult) -> list[Asked]:
+    """The outputs that have a value anywhere."""
+    return [asked for asked in result.plan.outputs if not np.isnan(result.output(asked.header)).all()]
 
 
 def _grid_figure(result: SweepResult, asked: Asked, view: View) -> dict[str, Any]:
@@ -74,7 +81,7 @@ def _grid_figure(result: SweepResult, asked: Asked, view: View) -> dict[str, Any
         "title": _title(asked),
         "of": ", ".join(with_unit(*held) for held in view.facet),
         "svg": drawn_view(view, values, asked.header),
-        "caption": f"{asked.output.equation}. Column {asked.header} of {CSV}.{crosses}",
+        "caption": f"{formula(asked.output.equation)}. Column {asked.header} of {CSV}.{crosses}",
         "wide": False,
     }
 
@@ -88,8 +95,8 @@ def _points_figure(result: SweepResult, asked: Asked, group: Drawn, found: list[
         "title": _title(asked),
         "of": ", ".join(with_unit(*held) for held in group.at),
         "svg": drawn_points(samples.ranges, points(samples), result.output(asked.header)[group.cases], titles, asked.header),
-        "caption": f"{asked.output.equation}. Column {asked.header} of {CSV}; above each panel the first-order share of variance.",
-        "wide": True,
+        "caption": f"{formula(asked.output.equation)}. Column {asked.header} of {CSV}; above each panel the first-order share of variance.",
+        "wide": len(samples.ranges) > 2,
     }
 
 
@@ -101,24 +108,25 @@ def _varied(result: SweepResult) -> Table:
     plan = result.plan
     rows = []
     for axis in plan.axes:
-        words = ", ".join(map(shown, axis.values)) if len(axis.values) <= 8 else f"{shown(axis.values[0])} to {shown(axis.values[-1])}"
-        rows.append(_row(axis.name, f"{words}{', equal ratios' if axis.log else ''}", f"{len(axis.values)}"))
+        some = axis.values if len(axis.values) <= 8 else (axis.values[0], axis.values[-1])
+        words = (", " if len(axis.values) <= 8 else " to ").join(map(shown, some))
+        rows.append(_row(axis.name, words, "equal ratios" if axis.log else "", f"{len(axis.values)}"))
     for each in plan.samples.ranges if plan.samples else ():
-        rows.append(_row(each.name, f"{shown(each.low)} to {shown(each.high)}{', evenly in the logarithm' if each.log else ''}", "drawn"))
-    rows += [_row(name, shown(value), "fixed") for name, value in plan.fixed]
+        rows.append(_row(each.name, f"{shown(each.low)} to {shown(each.high)}", "evenly in the logarithm" if each.log else "", "drawn"))
+    rows += [_row(name, shown(value), "", "fixed") for name, value in plan.fixed]
     columns = (Column("what"), Column("values"), Column("how_many", "number"), Column("column", "column"))
     return Table("varied", "All else is as the model believes it.", columns, tuple(rows))
 
 
-def _row(name: str, values: str, number: str) -> Row:
+def _row(name: str, values: str, spacing: str, number: str) -> Row:
     words, unit = quantity(name).words, name_and_unit(name)[1]
-    with_units = f"{values} {unit}" if unit else values
-    return Row({"what": f"{words[:1].upper()}{words[1:]}", "values": with_units, "how_many": number, "column": name})
+    said = ", ".join(filter(None, (f"{values} {unit}" if unit else values, spacing)))
+    return Row({"what": f"{words[:1].upper()}{words[1:]}", "values": said, "how_many": number, "column": name})
 
 
 def _outputs(result: SweepResult) -> Table:
     rows = tuple(
-        Row({"what": _title(asked), "equation": asked.output.equation, "source": asked.output.source, "column": asked.header})
+        Row({"what": _title(asked), "equation": formula(asked.output.equation), "source": asked.output.source, "column": asked.header})
         for asked in result.plan.outputs
     )
     columns = (Column("what"), Column("equation", "definition"), Column("source"), Column("column"))

@@ -5,6 +5,19 @@ from rfca_rig.report.wording import MINUS
 from rfca_rig.sweep.quantities import Value
 
 DIGITS = 4
+SIGNS = {
+    "integral of ": "∫ ",
+    "tau w": "τ ω",
+    "tau": "τ",
+    "dphi_i": "dφᵢ",
+    "phi_i": "φᵢ",
+    "phi": "φ",
+    "sum ": "Σ ",
+    "N_k": "Nₖ",
+    "F_k": "Fₖ",
+    "^2": "²",
+    " - ": f" {MINUS} ",
+}
 
 
 def name_and_unit(name: str) -> tuple[str, str]:
@@ -31,3 +44,10 @@ def with_unit(name: str, value: Value) -> str:
 def shown(value: Value) -> str:
     """Four digits, with a true minus sign."""
     return value if isinstance(value, str) else f"{value:.{DIGITS}g}".replace("-", MINUS)
+
+
+def formula(text: str) -> str:
+    """An equation in the signs of the field, where a page shows it."""
+    for typed, sign in SIGNS.items():
+        text = text.replace(typed, sign)
+    return f"{MINUS}{text[1:]}" if text.startswith("-") else text

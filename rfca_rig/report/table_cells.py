@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from rfca_rig.report.table import Cell, Column, Foot, Row, Table, cell, foot_cell, head_span
-from rfca_rig.report.wording import MINUS, NO_BREAK, NOTHING
+from rfca_rig.report.wording import MINUS, NO_BREAK, NOTHING, in_thousands
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def _foot(table: Table, foot: Foot) -> ShownFoot:
 
 
 def _shown(table: Table, column: Column, found: Cell) -> ShownCell:
-    text = found.text.replace("-", MINUS) if found.is_number else found.text
+    text = in_thousands(found.text).replace("-", MINUS) if found.is_number else found.text
     if found.half:
         text += f"{NO_BREAK}±{NO_BREAK}{found.half}"
     return ShownCell(text or (NOTHING if column.key in table.numeric else ""), column.key in table.numeric)

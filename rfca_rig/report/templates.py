@@ -1,5 +1,6 @@
 """The pages' templates and style sheets, which lie beside this file."""
 
+from collections.abc import Iterable
 from functools import cache
 from importlib import resources
 
@@ -23,6 +24,7 @@ def _environment() -> Environment:
         loader=FunctionLoader(beside), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["words"] = lambda id_: id_.replace("_", " ")
+    environment.filters["by_stem"] = by_stem
     environment.globals |= {
         "beside": beside,
         "colours": colours(),
@@ -31,6 +33,15 @@ def _environment() -> Environment:
         "version": __version__,
     }
     return environment
+
+
+def by_stem(files: Iterable[str]) -> list[str]:
+    """As in "values.csv/.tex", "static.json": files that differ in their ending only are named once."""
+    stems: dict[str, list[str]] = {}
+    for file in files:
+        stem, dot, ending = file.rpartition(".")
+        stems.setdefault(stem, []).append(dot + ending)
+    return [stem + "/".join(endings) for stem, endings in stems.items()]
 
 
 def beside(name: str) -> str:

@@ -9,6 +9,7 @@ from rfca_rig.report.overlay import Overlay
 NOTHING = "\u2013"  # en dash
 MINUS = "\u2212"
 NO_BREAK = "\u00a0"
+THIN = "\u202f"  # and no break
 
 MARK_MEANINGS = {
     "SIM": "SIM was recorded on simulated twins: nothing in it was measured.",
@@ -35,6 +36,11 @@ def number(value: float | None, digits: int) -> str:
     if value is None:
         return NOTHING
     return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", MINUS)
+
+
+def in_thousands(text: str) -> str:
+    """A number with more than four digits before the point in groups of three, as SI writes it."""
+    return re.sub(r"(?<![\d.])\d{5,}", lambda whole: f"{int(whole[0]):,}".replace(",", THIN), text, count=1)
 
 
 def spread(mean: float | None, std: float | None, digits: int) -> str:

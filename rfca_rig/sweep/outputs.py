@@ -39,6 +39,7 @@ GROUND = "the ground's forces in the model"
 WORK = "work of the driven joint"
 SHAPE = "angles of the model"
 STRENGTH = "Table I, as in rfca-rig strip"
+REST_AT = "shaft angle"
 REST = "eq. (10) with contact, turned there slowly from the start angle"
 
 ALL = (
@@ -77,8 +78,8 @@ ALL = (
         "eq. (6)",
         at="hinge angle",
     ),
-    Output(of_the_leg.static_torque_Nm, "torque that holds the shaft", "tau at rest", REST, at="shaft angle"),
-    Output(of_the_leg.static_load_N, "load borne at rest", "-fz at rest", REST, at="shaft angle"),
+    Output(of_the_leg.static_torque_Nm, "torque that holds the shaft", "tau at rest", REST, at=REST_AT),
+    Output(of_the_leg.static_load_N, "load borne at rest", "-fz at rest", REST, at=REST_AT),
 )
 OUTPUTS: dict[str, Output] = {output.name: output for output in ALL}
 

@@ -11,7 +11,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.setup import resolved
 from rfca_rig.sweep.design import Design
-from rfca_rig.sweep.outputs import Asked
+from rfca_rig.sweep.outputs import REST_AT, Asked
 from rfca_rig.sweep.quantities import Value, quantity
 from rfca_rig.sweep.samples import Samples, points
 
@@ -93,8 +93,12 @@ def checked_plan(plan: SweepPlan) -> SweepPlan:
     for each in plan.samples.ranges if plan.samples else ():
         for value in (each.low, each.high):
             _check_value(each.name, value)
-    for present in plan.design(0).rig.effects:
+    effects = plan.design(0).rig.effects
+    for present in effects:
         _check_effect(present)
+    at_rest = next((asked.header for asked in plan.outputs if asked.output.at == REST_AT), None)
+    if effects and at_rest:
+        raise BadInput(f"{at_rest}: statics know the plain leg only; leave it out, or the effect {effects[0].id}")
     return plan
 
 

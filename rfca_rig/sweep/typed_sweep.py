@@ -30,8 +30,7 @@ def typed_plan(
     drawn = None if samples is None else _samples([_range(varied, text) for varied, text in ranges], samples, method, seed)
     names = outputs_of(outputs.split(",") if outputs else DEFAULT)
     set_ = tuple((varied.name, _value(varied, text)) for varied, text in (_parted("--set", each) for each in fixed))
-    title = ", ".join(varied.name.replace("_", " ") for varied, _ in parts)
-    return checked_plan(SweepPlan(f"Sweep of {title}", rig, set_, axes, drawn, names))
+    return checked_plan(SweepPlan(f"Sweep over {', '.join(varied.name for varied, _ in parts)}", rig, set_, axes, drawn, names))
 
 
 def _parted(option: str, text: str) -> tuple[Quantity, str]:

@@ -30,6 +30,7 @@ SILENT_S = 0.25  # longer than a loop is late on a busy machine: what came after
 FLUSH_S = 0.008
 LINES = 12
 WISHES = {"safe point": Wish.SAFE_POINT, "now": Wish.LET_GO}
+DONE = "done"
 SILENT_END = "the run's process ended without a word"
 FORCE, SHAFT = slice(0, len(WRENCH)), slice(len(WRENCH), len(CHANNELS))
 
@@ -135,7 +136,7 @@ class LiveSource:
 
     def _end(self, why: str, code: str, wall_s: float) -> None:
         self._ended, self._code, self._label = why, code, "over"
-        self._progress.end(wall_s)
+        self._progress.end(wall_s, is_whole=why == DONE)
         self.pyramid.close_before(self._all_s())
 
     def _samples(self, ticks: SeenTicks) -> None:

@@ -31,6 +31,7 @@ LONGEST_S = 12 * 3600.0  # after the run; a page that was forgotten keeps no pro
 def show(parent: Connection) -> None:
     """Takes its assignment from the parent, says (READY, port) or (FAILED, why), and shows the run, until a while after the parent left."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _stand_back()
     assignment: Assignment = parent.recv()
     try:
         listening = bound(assignment.port)
@@ -38,7 +39,6 @@ def show(parent: Connection) -> None:
     except RigError as error:
         parent.send((FAILED, str(error)))
         return
-    _stand_back()
     parent.send((READY, port_of(listening)))
     legs = Legs(assignment.facts.believed)
     threading.Thread(target=legs.prepare, args=(assignment.facts.scenes,), daemon=True).start()
@@ -50,7 +50,10 @@ def show(parent: Connection) -> None:
 
 
 def _stand_back() -> None:
-    """Behind the loop, and with nothing to say on a terminal that the run's command may have left long ago."""
+    """Behind the loop, and with nothing to say on a terminal, or into a pipe, that the run's command may have left long ago.
+
+    Before anything else is begun: what tracks shared memory is a process of its own, which keeps what it was given.
+    """
     os.nice(NICE)
     if os.environ.get(DEBUG_VARIABLE):
         return

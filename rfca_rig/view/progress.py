@@ -57,7 +57,7 @@ class Progress:
         self._planned_after_s = _sums_behind([stage.duration_s for stage in stages])
         self._now = -1
         self._began_s = 0.0
-        self.is_over = False
+        self._over: float | None = None
 
     def begin(self, number: int, wall_s: float) -> None:
         """A stage begins, and with that the one before has ended; -1 for one that is not in the plan."""
@@ -70,14 +70,14 @@ class Progress:
             took_s, planned_s = self._took[stage.kind]
             self._took[stage.kind] = took_s + wall_s - self._began_s, planned_s + stage.duration_s
 
-    def end(self, wall_s: float) -> None:
-        """The run is over."""
+    def end(self, wall_s: float, is_whole: bool) -> None:
+        """The run is over, with all of its plan done or with what was done until then."""
+        self._over = 1.0 if is_whole else self.at(wall_s).done
         self.begin(-1, wall_s)
-        self.is_over = True
 
     def at(self, wall_s: float) -> Position:
         if self._now < 0:
-            return Position(-1, 0.0, 1.0 if self.is_over else 0.0, None)
+            return Position(-1, 0.0, self._over or 0.0, None)
         needs_s = self._needs_s(self._stages[self._now])
         gone_s = wall_s - self._began_s
         stage_done = min(gone_s / needs_s, 1.0) if needs_s > 0.0 else 0.0

@@ -19,7 +19,7 @@ from rfca_rig.logbook.index import NAME
 from rfca_rig.logbook.listing import list_runs
 from tests.logbook.made import DONE, plan, run
 
-COMMAND = (sys.executable, "-c", "from rfca_rig.cli.main import run; run()")
+COMMAND = Path(sys.executable).parent / "rfca-rig"
 
 
 def main() -> None:
@@ -62,7 +62,7 @@ def _asking(line: str) -> dict[str, dict[str, str]]:
 
 
 def _command(*words: str, env: dict[str, str] | None = None) -> None:
-    subprocess.run([*COMMAND, *words], env={**os.environ, **(env or {})}, check=True, capture_output=True)
+    subprocess.run([COMMAND, *words], env={**os.environ, **(env or {})}, check=True, capture_output=True)
 
 
 def _seconds(work: Callable[[], object]) -> float:

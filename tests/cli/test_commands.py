@@ -279,7 +279,7 @@ def test_a_trip_has_its_own_exit_code(here, monkeypatch, capsys):
     assert answer.err.endswith("; more: rfca-rig trip F-02\n")
     (run,) = (here / "runs").iterdir()
     kept = "kept 0 strokes and 0 static stages, and flap 215 mm, 3.249 rad/s, repeat 1 until it was cut short, in"
-    assert f"{kept} runs/{run.name}" in answer.err
+    assert f"{kept} runs/{run.name}; rfca-rig resume runs/{run.name} --after-trip goes on" in answer.err
     (until_then,) = read_recording(run / "run.h5").raw
     assert "deg from where it should be" in until_then.cut_short
 
@@ -292,7 +292,7 @@ def test_a_mistake_of_ours_is_admitted_in_one_line(monkeypatch, capsys):
 
 
 @contextmanager
-def twin_that_counts_as_real(rig, _seed, _eye):
+def twin_that_counts_as_real(rig, *_):
     with open_bench(read_rig(ROOT / "calibration" / "twin.toml"), 1) as bench:
         yield replace(bench, rack=HandRack(), is_real=True)
 

@@ -119,7 +119,7 @@ def test_a_calibration_that_is_not_there_is_told_before_anything_moves(here, mon
     (here / "rig.toml").write_text((ROOT / "calibration" / "twin.toml").read_text())
     said = static_run(here, monkeypatch, capsys, (75.0, "loading"), words=("--rig", here / "rig.toml"))
     assert said.exit_code == 2
-    assert "twin-camera.toml: cannot be read" in said.err
+    assert "twin-camera.toml: not there; [camera] of the rig file names it" in said.err
     assert not (here / "runs").exists()
 
 

@@ -21,6 +21,8 @@ GRID = ("--vary", "height_mm=215,235", "--vary", "k0=10:12:3", "--outputs", "val
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
+    """A folder to work in, and cases that are computed in this process: others are tested with the crew."""
+    monkeypatch.setattr(local, "crew", lambda _: nullcontext(Here()))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -33,14 +35,14 @@ def test_what_is_written_and_said(monkeypatch, capsys, here):
     said = sweep(monkeypatch, capsys, *GRID, "--workers", 1, "--out", "out")
     assert said.exit_code == 0
     assert said.err.splitlines()[-1] == "out/sweep.html: figures and definitions; all cases in sweep.csv and sweep.h5"
-    assert said.out.splitlines()[0] == "Sweep of height mm, k0 Nm per rad: 6 cases"
+    assert said.out.splitlines()[0] == "Sweep over height_mm, k0_Nm_per_rad: 6 cases"
     assert re.search(rf"^valley_fz_N: {MINUS}\d+\.\d+ \(height 215 mm, k0 12 N m/rad\) to {MINUS}\d", said.out, re.MULTILINE)
     assert (here / "out" / "sweep.csv").read_text().splitlines()[0] == "case,height_mm,k0_Nm_per_rad,valley_fz_N,energy_J,remark"
     page = (here / "out" / "sweep.html").read_text()
     outline = Outline(page)
     assert outline.fetched == [name for name in outline.fetched if name.startswith("#")]
     assert "rfca-rig sweep --vary height_mm=215,235 --vary k0=10:12:3 --outputs valley_fz_N,energy_J --out out" in outline.text
-    for words in ("Fz in the valley", "Energy per stroke", "k0 (N m/rad)", "valley fz (N)", "energy (J)", "height 215 mm", "W = integral"):
+    for words in ("Fz in the valley", "Energy per stroke", "k0 (N m/rad)", "valley fz (N)", "energy (J)", "height 215 mm", "W = ∫ τ ω dt"):
         assert words in outline.text
     again = sweep(monkeypatch, capsys, *GRID, "--out", "out", "--json", "--workers", 1)
     assert again.err == "" and again.out == (here / "out" / "sweep.json").read_text()
@@ -75,6 +77,12 @@ def test_shipped_sweeps_are_whole(monkeypatch, capsys, here, path):
     assert said.exit_code == 0 and json.loads(said.out)["cases"] >= 8
 
 
+def test_the_file_in_the_docs_is_one(monkeypatch, capsys, here):
+    text = (ROOT / "docs" / "sweeps.md").read_text()
+    (here / "mine.toml").write_text(re.search(r"```toml\n(.*?)```", text, re.DOTALL)[1])
+    assert json.loads(sweep(monkeypatch, capsys, "mine.toml", "--dry-run", "--json").out)["cases"] == 3 * 9 * 256
+
+
 def test_wrong_input_is_one_line(monkeypatch, capsys, here):
     for words, said in (
         ((), "nothing is varied"),
@@ -88,8 +96,7 @@ def test_wrong_input_is_one_line(monkeypatch, capsys, here):
 
 
 def test_samples_are_drawn_with_what_they_explain(monkeypatch, capsys, here):
-    """On a page of a sweep that needs no simulation, nor another process."""
-    monkeypatch.setattr(local, "crew", lambda _: nullcontext(Here()))
+    """On a page of a sweep that needs no simulation."""
     words = ("--vary", "k0=10:12", "--vary", "friction=0.2:0.6", "--samples", 64, "--seed", 3, "--outputs", "hinge_k0_Nm_per_rad")
     assert sweep(monkeypatch, capsys, *words, "--workers", 1, "--out", "out").exit_code == 0
     outline = Outline((here / "out" / "sweep.html").read_text())

@@ -75,18 +75,31 @@ def test_a_sweep_has_the_same_bytes_as_here(monkeypatch, capsys, tmp_path, clust
     assert none_left()
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM], ids=["^C", "asked to end"])
-def test_a_stopped_command_takes_its_jobs_along(tmp_path, cluster, how):
-    words = [sys.executable, "-m", "tests.exam_cases.examinees", "prove", "--out", str(tmp_path / "exam"), *EXAM, *cluster]
+def hanging_command(out: Path, cluster: tuple[str, ...]) -> subprocess.Popen:
+    """An exam that has got as far as a case that takes a minute."""
+    words = [sys.executable, "-m", "tests.exam_cases.examinees", "prove", "--out", str(out), *EXAM, *cluster]
     command = subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    until = time.monotonic() + 90.0
-    while not list((tmp_path / "exam").glob("diagnoses/.case-0002.*/pid")):
+    until = time.monotonic() + 120.0
+    while not list(out.glob("diagnoses/.case-0002.*/pid")):
         assert command.poll() is None and time.monotonic() < until
         time.sleep(0.1)
+    return command
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM], ids=["^C", "asked to end"])
+def test_a_stopped_command_takes_its_jobs_along(tmp_path, cluster, how):
+    command = hanging_command(tmp_path / "exam", cluster)
     command.send_signal(how)
     _, said = command.communicate(timeout=60)
     assert command.returncode == 130 and "the same command goes on where it stood" in said
     assert none_left()
+
+
+def test_jobs_that_were_ended_in_the_middle_end_the_command(tmp_path, cluster):
+    command = hanging_command(tmp_path / "exam", cluster)
+    subprocess.run(["scancel", "--name=rfca-rig"], check=True)
+    _, said = command.communicate(timeout=60)
+    assert command.returncode == 1 and "all jobs of SLURM's job" in said and "the same command goes on where it stood" in said
 
 
 def test_jobs_that_cannot_start_workers_end_the_command_with_their_words(monkeypatch, capsys, tmp_path, cluster):

@@ -39,7 +39,8 @@ def begun(folder: Path) -> dict[int, int]:
 
 def test_the_same_bits_here_and_in_processes(two):
     seeds = range(12)
-    assert work.digest(dict(done(two, work.stroke, seeds))) == work.digest(dict(done(Here(), work.stroke, seeds)))
+    here = work.digest(dict(done(Here(), work.stroke, seeds)))
+    assert work.digest(dict(done(two, work.stroke, seeds))) == here
 
 
 def test_processes_use_one_thread_each(two):
@@ -136,6 +137,22 @@ def test_a_lost_batch_is_done_again_piece_by_piece_and_no_piece_is_blamed_for_it
     lost = max(crew.sizes[4:7])
     assert lost > 1 and results == {number: 10 * number for number in range(4, 104)}
     assert sum(crew.sizes) == 100 + lost
+
+
+def test_lost_work_waits_until_the_crew_is_calm(monkeypatch):
+    monkeypatch.setattr("rfca_rig.crew.doing.LOOK_EVERY_S", 0.01)
+
+    class Second(TwinClock):
+        """Each look at it takes a second."""
+
+        def now_s(self) -> float:
+            self.wait_until(super().now_s() + 1.0)
+            return super().now_s()
+
+    crew = Recorded(lost=1)
+    crew.calm_after_loss_s = 30.0
+    began = [(number, result) for number, result in done(crew, work.fails_at_three, range(4, 10), Second)]
+    assert [number for number, _ in began] == [5, 6, 7, 8, 9, 4] and dict(began)[4] == 40
 
 
 def test_a_crew_that_is_no_more_ends_the_work():

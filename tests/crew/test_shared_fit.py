@@ -23,7 +23,7 @@ def test_a_fit_has_the_same_bits_wherever_its_starts_are_computed():
     rows = [stronger(*condition) for condition in CONDITIONS]
 
     def fitted(hands):
-        search = Search(starts=3, rng=np.random.default_rng(1), most_evaluations=4, crew=hands)
+        search = Search(starts=2, rng=np.random.default_rng(1), most_evaluations=2, crew=hands)
         return fit_valleys(PAPER, rows, ("k0", "friction"), {}, search)
 
     alone = fitted(None)

@@ -78,7 +78,7 @@ def test_marks_out_of_order_are_one_line(tmp_path):
 
 
 def test_a_calibration_that_is_missing_or_knows_no_plane_is_one_line(tmp_path):
-    with pytest.raises(BadInput, match=r"twin-camera.toml: cannot be read"):
+    with pytest.raises(BadInput, match=r"twin-camera.toml: not there; \[camera\] of the rig file names it"):
         rig(tmp_path, calibration=False).eye()
     described = rig(tmp_path)
     path = tmp_path / "twin-camera.toml"

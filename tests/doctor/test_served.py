@@ -60,6 +60,7 @@ def test_a_healthy_rig_has_a_green_drive_and_sensor(told):
         if all(seen.get(name, {}).get("colour") == "green" for name in (*DRIVE, *SENSOR)):
             break
     assert {name: seen[name]["colour"] for name in (*DRIVE, *SENSOR)} == dict.fromkeys((*DRIVE, *SENSOR), "green"), said.out
+    assert re.match(r"at [\d.]+ deg, encoder at [\d.]+ turns: is it\?", str(seen["shaft"]["seen"]))
     assert {"receive buffer", "clock", "disk for runs", "python packages", "compiled code"} < seen.keys()
     assert said.exit_code == (json.loads(said.out)["red"] > 0)
 

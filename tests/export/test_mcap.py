@@ -16,9 +16,9 @@ from rfca_rig.errors import BadInput
 from rfca_rig.export.mcap_file import Exported, export_mcap
 from rfca_rig.export.sample_messages import Layout
 from rfca_rig.progress import unwatched
-from rfca_rig.recording.form import Column, Recording, Stream, Stroke
+from rfca_rig.recording.form import Column, RawStage, Recording, Stream, Stroke
 from rfca_rig.recording.store import write_recording
-from tests.export.recordings import HOLD_S, STARTS_S, lay_photos, recording
+from tests.export.recordings import HOLD_S, STARTS_S, lay_photos, recording, streams
 
 BEGAN_NS = 1_795_309_200 * 10**9  # 2026-11-22T01:00:00Z
 SMALL = Path("tests/data/small-campaign")
@@ -150,6 +150,30 @@ def test_the_file_says_what_it_is(exported):
     assert all(channel.schema_id in summary.schemas for channel in summary.channels.values())  # PlotJuggler opens nothing else
     assert {summary.schemas[c.schema_id].name for c in summary.channels.values()} >= {"foxglove.Log", "foxglove.CompressedImage"}
     assert summary.statistics.message_count == exported[1].messages
+
+
+@pytest.mark.parametrize(
+    ("resumed", "later_s"),
+    [("2026-11-23T08:00:0", 31 * 3600.0), ("2026-11-22T01:00:0", 10.9)],  # the next day; on a twin, whose clock begins anew
+)
+def test_a_run_that_was_resumed_has_a_clock_for_each_part(tmp_path, resumed, later_s):
+    events = (
+        {"event": "run begins", "t_s": 0.0, "utc": "2026-11-22T01:00:00+00:00"},
+        {"event": "stage begins", "t_s": 4.9, "utc": "2026-11-22T01:00:04.900000+00:00", "stage": "flap 200 mm, 1 rad/s, repeat 1"},
+        {"event": "stage begins", "t_s": 9.9, "utc": "2026-11-22T01:00:09.900000+00:00", "stage": "flap 200 mm, 1 rad/s, repeat 2"},
+        {"event": "run resumed", "t_s": 0.0, "utc": f"{resumed}0+00:00"},
+        {"event": "stage begins", "t_s": 4.9, "utc": f"{resumed}4.900000+00:00", "stage": "flap 200 mm, 1 rad/s, repeat 2"},
+    )
+    strokes = tuple(Stroke(0.2, 1.0, repeat, streams(5.0, 140, repeat)) for repeat in (1, 2))
+    cut_short = RawStage("flap 200 mm, 1 rad/s, repeat 2", 0.2, streams(10.0, 140, 3), "stopped")
+    text = "".join(json.dumps(event) + "\n" for event in events)
+    write_recording(Recording("resumed", "SIM", {}, {}, strokes, (), {"events": text}, (cut_short,)), tmp_path / "run.h5")
+    export_mcap(tmp_path, tmp_path / "out.mcap", unwatched)
+    topics = read_back(tmp_path / "out.mcap")
+    later_ns = round(later_s * 1e9)
+    assert [ns - BEGAN_NS for ns, _ in topics["/stage"]] == [4_900_000_000, 9_900_000_000, later_ns + 4_900_000_000]
+    assert [content.get("cut_short") for _, content in topics["/stage"]] == [None, "stopped", None]
+    assert topics["/log"][-1][0] == BEGAN_NS + later_ns + 4_900_000_000
 
 
 def test_a_campaign_from_elsewhere_follows_stage_after_stage(tmp_path):

@@ -89,15 +89,14 @@ def test_only_what_was_recorded_counts_and_what_had_begun_is_found(tmp_path):
 
 
 def test_a_stage_that_a_crash_took_is_not_the_one_recorded_after_it(tmp_path):
-    planned = plan("table2")
-    folder = run(tmp_path / "one", planned, recorded=1)
-    first, second = planned.flaps[1], planned.flaps[10]
+    planned = plan("fatigue")
+    folder = run(tmp_path / "one", planned, recorded=0)
     with (folder / "events.jsonl").open("a") as events:
-        for event in (begins(first), {"event": "run resumed"}, begins(second)):
+        for event in (begins(planned.holds[0]), {"event": "run resumed"}, begins(planned.flaps[0])):
             events.write(json.dumps(event) + "\n")
         events.write(json.dumps({"event": "stage recorded", "samples": {}}) + '\n{"event": "half a li')
     entry = entry_in(tmp_path, "one")
-    assert (entry.strokes, entry.ended) == (2, "unfinished")
+    assert (entry.strokes, entry.static_stages, entry.ended) == (1, 0, "unfinished")
 
 
 def begins(stage):

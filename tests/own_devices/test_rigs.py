@@ -10,7 +10,9 @@ import pytest
 
 from rfca_rig.bench.make import open_bench
 from rfca_rig.bench.motors import make_motor
-from rfca_rig.clock import TwinClock
+from rfca_rig.bench.openings import Openings
+from rfca_rig.bench.served import open_served
+from rfca_rig.clock import TwinClock, WallClock
 from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import read_rig
@@ -150,3 +152,14 @@ def test_a_frame_that_her_driver_cannot_read_is_an_error_with_its_bytes(tmp_path
         there.send(can.Message(arbitration_id=0x185, data=b"\1\2\3", is_extended_id=False))
         with pytest.raises(DeviceError, match="CAN frame 0x185 010203 cannot be read: unpack requires a buffer of 8 bytes"):
             motor.read()
+
+
+def test_the_twin_server_puts_her_twins_on_real_wires():
+    rig = read_rig(EXAMPLES / "our-rig.toml")
+    with open_served(rig, 1, Openings(), WallClock()) as served:
+        assert served.reached.addresses[0].startswith("our_sensor.py on serial line /dev/")
+        port = rig.force_sensor.model_copy(update={"port": served.reached.names["serial"]}).open()
+        port.write(b"C")
+        served.serve([], 0.05, print)
+        assert port.read(100) == b"r,0,C,0"
+        port.close()

@@ -89,7 +89,7 @@ def test_an_older_run_is_one_file(tmp_path: Path):
     (tmp_path / "run").mkdir()
     write_recording(recording(2, 1), tmp_path / "run" / "run.h5")
     assert [finding.file for finding in check_run(tmp_path / "run")] == ["run.h5"]
-    with pytest.raises(BadInput, match="holds no run"):
+    with pytest.raises(BadInput, match="is not there"):
         list(check_run(tmp_path / "nothing"))
 
 

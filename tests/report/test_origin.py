@@ -8,6 +8,7 @@ from pathlib import Path
 from rfca_rig.campaign.fingerprint import fingerprint
 from rfca_rig.recording.store import write_recording
 from rfca_rig.report.origin import origin_of, typed, version_text
+from rfca_rig.report.templates import by_stem
 from tests.report.recordings import recording, stages
 
 SMALL = Path(__file__).parents[1] / "data" / "small-campaign"
@@ -40,3 +41,7 @@ def test_what_was_recorded_meanwhile_is_listed_without_a_hash(tmp_path):
 
 def test_the_version_says_the_state_of_the_source():
     assert re.fullmatch(r"\d+\.\d+\.\d+(, git [0-9a-f]{12}(, changed since)?)?", version_text())
+
+
+def test_files_that_differ_in_their_ending_are_named_once():
+    assert by_stem(["table2.csv", "table2.tex", "run-2-stages.csv", "table2.json"]) == ["table2.csv/.tex/.json", "run-2-stages.csv"]

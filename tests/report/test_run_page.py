@@ -12,7 +12,7 @@ from rfca_rig.report.clock_drift import clock_drifts
 from rfca_rig.report.origin import Link, Origin, Recorded, Told
 from rfca_rig.report.run_page import page, tables_of
 from rfca_rig.report.run_parts import story_of
-from rfca_rig.report.run_pictures import MOST_TRACES, traced
+from rfca_rig.report.run_pictures import MOST_STAGES, MOST_TRACES, static_shown, traced
 from rfca_rig.report.run_tables import MOST_ROWS
 from rfca_rig.report.table_files import as_csv
 from tests.report import runs
@@ -120,6 +120,14 @@ def test_long_runs_stay_light():
     assert len(html.encode()) < 200_000
 
 
+def test_long_runs_show_whole_sequences_of_static_stages():
+    many = tuple(runs.static_stage(n, runs.CHECKED_DEG[n % 3], -10.0) for n in range(300))
+    shown_stages = static_shown(many)
+    assert len(shown_stages) <= MOST_STAGES and (shown_stages[0], shown_stages[-1]) == (many[0], many[-1])
+    assert [stage.shaft_angle_rad for stage in shown_stages] == [many[n % 3].shaft_angle_rad for n in range(len(shown_stages))]
+    assert static_shown(many[:9]) == list(many[:9])
+
+
 @pytest.mark.parametrize(("ppm", "jitter_s"), [(50.0, 0.002), (-200.0, 0.01), (0.0, 0.002)])
 def test_clocks_are_told_within_what_they_are_told_to(ppm, jitter_s):
     (drift,) = clock_drifts(runs.clocked(ppm, jitter_s))
@@ -151,3 +159,9 @@ def test_a_run_that_went_on_with_other_limits_is_held_against_those_in_force():
     assert shares == pytest.approx([3.0, 3.0, 1.5])
     assert [(part.begun.t_s, bool(part.ended)) for part in story.parts] == [(1.0, False), (4.0, True), (0.7, False)]
     assert "300 N, later 150 N" in text and "at 2000 with limits.force_N 150.0, had stopped" in text
+
+
+def test_events_that_are_none_are_passed_over():
+    odd = runs.done()
+    events = "not json\n[1, 2]\n{}\n" + odd.provenance["events"]
+    assert story_of(replace(odd, provenance={**odd.provenance, "events": events})).events == story_of(odd).events

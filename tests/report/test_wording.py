@@ -1,7 +1,7 @@
 import pytest
 
 from rfca_rig.report.quantities import quantities_of
-from rfca_rig.report.wording import counted, number, spread, unbroken
+from rfca_rig.report.wording import counted, in_thousands, number, spread, unbroken
 from tests.model.legs import PAPER
 
 
@@ -28,3 +28,17 @@ def test_parameters_are_shown_in_a_labs_units_and_none_is_left_out():
     assert shown["drive", "ramp"] == ("0.05", "s")
     assert shown["leg", "link lengths"][0].startswith("54, 39.333, ")
     assert len(shown) == 7 + 5 + 1 + 1
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1000303", "1\u202f000\u202f303"),
+        ("-12470", "-12\u202f470"),
+        ("9999", "9999"),
+        ("12345.6789", "12\u202f345.6789"),
+        ("0.123456", "0.123456"),
+    ],
+)
+def test_long_numbers_stand_in_groups_of_three(text, said):
+    assert in_thousands(text) == said

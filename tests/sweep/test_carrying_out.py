@@ -25,7 +25,7 @@ from rfca_rig.sweep.cases import Span, compute
 from rfca_rig.sweep.outputs import Output
 from rfca_rig.sweep.pilot import Pace, measured_pace
 from rfca_rig.sweep.result import read_result
-from rfca_rig.sweep.shards import cut, missing
+from rfca_rig.sweep.shards import Shards, cut, missing
 from tests.sweep.sweeps import Slow, content, small_plan
 
 ROOT = Path(__file__).parents[2]
@@ -97,7 +97,7 @@ def test_a_stopped_sweep_goes_on_where_it_stood_to_the_same_bytes(unbroken, tmp_
         with pytest.raises(KeyboardInterrupt):
             carry_out(small_plan(), out, Here(), Slow, stopped_after(4))
     kept = {path: path.stat().st_mtime_ns for path in out.glob("shards/*.h5")}
-    computed = sum(len(range(*map(int, path.stem.split("-")[1:]))) for path in kept)
+    computed = sum(len(span_of(path)) for path in kept)
     assert 0 < computed < 12 and not (out / "sweep.h5").exists()
     told = []
     carry_out(small_plan(), out, Here(), Slow, lambda *done: told.append(done))
@@ -164,7 +164,14 @@ def test_another_sweep_in_the_folder_is_refused(unbroken, tmp_path, monkeypatch)
         carry_out(small_plan(), other, Here(), Slow, silent)
 
 
-def test_a_damaged_shard_is_named(tmp_path):
+@pytest.mark.skipif(os.name == "nt", reason="without locks")
+def test_two_at_once_in_one_folder_are_one_too_many(tmp_path):
+    shards = Shards(tmp_path, "")
+    with shards.held(), pytest.raises(BadInput, match="still going on"), shards.held():
+        pass
+
+
+def test_a_damaged_shard_and_one_of_another_sweep_are_named(tmp_path):
     out = tmp_path / "sweep"
     with pytest.raises(KeyboardInterrupt):
         carry_out(small_plan(), out, Here(), Slow, stopped_after(1))
@@ -173,6 +180,14 @@ def test_a_damaged_shard_is_named(tmp_path):
     shard.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(BadInput, match=rf"{shard.name}: cannot be read .*; remove it, and its cases are computed anew"):
         carry_out(small_plan(), out, Here(), Slow, silent)
+    shard.unlink()
+    Shards(out, "of another plan").write(span_of(shard), compute(small_plan(), span_of(shard)))
+    with pytest.raises(BadInput, match=rf"{shard.name}: is of another sweep; remove it"):
+        carry_out(small_plan(), out, Here(), Slow, silent)
+
+
+def span_of(shard: Path) -> Span:
+    return Span(*map(int, shard.stem.split("-")[1:]))
 
 
 def test_sweep_h5_says_what_it_holds(unbroken):

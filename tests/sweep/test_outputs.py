@@ -82,6 +82,13 @@ def test_driving_force_and_load_belong_to_one_moment_and_to_the_sensor(plain):
     assert value("driving_impulse_Ns", plain) > 0.0
 
 
+def test_the_spike_of_touchdown_is_no_load_capacity():
+    hard = case(replace(PAPER, ground=replace(PAPER.ground, stiffness_N_per_m1p5=3e6)), height_m=0.24, speed_rad_s=12.0)
+    touching = hard.stroke.t_s - hard.stroke.t_s[hard.touchdown]
+    spike = -float(hard.stroke.fz_N[(touching >= 0.0) & (touching < 0.03)].min())
+    assert value("load_capacity_N", hard) < 0.5 * spike and spike < value("peak_force_N", hard)
+
+
 def test_the_valley_is_that_of_predict(plain):
     expected = predict_stroke(PAPER, 0.215, 2.433, 200.0).summary()
     for name in ("valley_time_s", "valley_fz_N"):

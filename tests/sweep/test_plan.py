@@ -17,7 +17,7 @@ from tests.model.legs import PAPER
 
 FILE = """
 title = "all of it"
-outputs = ["valley_fz_N", "static_torque_Nm@60"]
+outputs = ["valley_fz_N", "equivalent_stiffness_Nm_per_rad@20"]
 
 [fixed]
 speed_rad_s = 3
@@ -162,6 +162,7 @@ def test_a_wrong_file_is_one_line(tmp_path, change, said):
         ({"vary": ["links=1:8:8"]}, "links = 1: must be a whole number of 2 to 60"),
         ({"vary": ["k0=1:2:100000", "k2=1:2:1000"]}, "at most 10000000 in one sweep"),
         ({"vary": ["height=1,2"]}, "did you mean height_mm"),
+        ({"vary": ["tip_mass.mass_g=1,2"], "outputs": "static_load_N@60"}, "static_load_N@60deg: statics know the plain leg only"),
         ({"vary": ["k0=9,10"], "outputs": "energy_J,energy_J"}, "the output energy_J is named twice"),
     ],
 )

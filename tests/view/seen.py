@@ -54,9 +54,9 @@ class Watched:
 
 
 @contextmanager
-def watched(queue_bytes: int = 1 << 20, repeats: int = 1) -> Iterator[Watched]:
+def watched(queue_bytes: int = 1 << 20, given: Plan | None = None) -> Iterator[Watched]:
     rig, clock, wishes, told = twin_rig(), TwinClock(), Wishes(), []
-    plan = one_condition(rig, repeats)
+    plan = given or one_condition(rig)
     queue = BlockQueue.create(queue_bytes)
     try:
         tap = Tap(queue, plan.stages, wishes, clock, lambda: (StreamHealth(received=7, lost=2), 1000), told.append)

@@ -4,6 +4,7 @@ import os
 import signal
 import socket
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from websockets.exceptions import InvalidStatus
@@ -123,6 +124,17 @@ def test_a_page_opened_late_sees_how_the_run_ended_and_only_with_the_token(tmp_p
         assert asked_to_stop(view.url, b'{"how": "now"}', Origin="http://example.com") == 403
         assert asked_to_stop(view.url, b"now") == 400
         assert asked_to_stop(view.url, b'{"how": "gently"}') == 400
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="only Linux tells who holds what")
+def test_nobody_who_reads_what_a_run_says_waits_for_its_view(tmp_path):
+    """As `| tail` does, until everybody who could write into the pipe has closed it."""
+    plan = one_condition(RIG)
+    with recorder_on(RIG, tmp_path / "run") as (bench, _, _), viewed(bench, plan) as (view, _, _):
+        own = view.process_id
+        children = Path(f"/proc/{own}/task/{own}/children").read_text().split()
+        for process in (own, *children):
+            assert {str(Path(f"/proc/{process}/fd/{number}").readlink()) for number in (1, 2)} == {"/dev/null"}
 
 
 def test_a_port_that_is_taken_is_one_clear_line(tmp_path):

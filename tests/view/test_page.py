@@ -1,77 +1,18 @@
-"""The page in a real browser, against a server that says what the test wants."""
+"""The page in a real browser, against a server that says what the test wants: what is shown."""
 
 import re
-import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import pytest
 
 pytest.importorskip("playwright", reason='the page is tested in a browser: pip install "rfca-rig[dev]"')
 
-from playwright.sync_api import Page, ViewportSize, expect
+from playwright.sync_api import Page, expect
 
 from tests.view import messages
-from tests.view.browser import WatchedPage, browser
-from tests.view.scripted_server import TOKEN, ScriptedServer, serving
+from tests.view.shown import DESKTOP, heard, painted
 
 DT_S = 0.008
-DESKTOP = ViewportSize(width=1280, height=800)
-
-
-@dataclass
-class Shown:
-    """A page, and the server it looks at."""
-
-    server: ScriptedServer
-    page: Page
-    watched: WatchedPage
-
-    def opened(self) -> "Shown":
-        """The page anew, as if it had just been opened."""
-        self.page.goto("about:blank")
-        self.server.heard.clear()
-        self.page.goto(f"http://127.0.0.1:{self.server.port}/?token={TOKEN}")
-        self.page.wait_for_function("() => window.rfcaView?.shown.state")
-        return self
-
-    def told(self) -> "Shown":
-        """The page as it is, told the hello and the state by the server, which is much quicker."""
-        self.server.say(self.server.hello, {**self.server.state, "serial": time.monotonic()})
-        self.page.wait_for_function("serial => rfcaView.shown.state.serial === serial", arg=self.server.state["serial"])
-        return self
-
-
-@pytest.fixture(scope="module")
-def one_page() -> Iterator[Shown]:
-    """One browser, one page, one server for all tests."""
-    server = ScriptedServer()
-    with browser() as started, serving(server):
-        watched = WatchedPage(started.new_page(viewport=DESKTOP))
-        yield Shown(server, watched.page, watched)
-
-
-@pytest.fixture
-def show(one_page: Shown) -> Iterator[Callable[..., Shown]]:
-    """Brings the page to that hello and state; nothing it does may be complained of, unless the test takes the complaint away.
-
-    `anew` opens it again, for tests of what a page remembers.
-    """
-
-    def bring(hello: dict[str, Any] | None = None, state: dict[str, Any] | None = None, anew: bool = False) -> Shown:
-        one_page.server.begin(hello or messages.hello(), state or messages.state())
-        return one_page.opened() if anew or not one_page.server.has_pages else one_page.told()
-
-    one_page.watched.complaints.clear()
-    yield bring
-    assert one_page.watched.complaints == []
-
-
-def painted(page: Page) -> None:
-    """Returns when what was sent is drawn."""
-    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(done))))")
 
 
 def flat(value: float, count: int = 1000) -> list[float | None]:
@@ -169,16 +110,6 @@ class TestTraces:
         assert shown.page.evaluate("rfcaView.traces.spanS") == 30
 
 
-def heard(shown: Shown, kind: str) -> list[dict[str, Any]]:
-    """What the page sent of that kind, once there is some."""
-    for _ in range(200):
-        found = [message for message in shown.server.heard if message["kind"] == kind]
-        if found:
-            return found
-        shown.page.wait_for_timeout(10)
-    return []
-
-
 class TestLeg:
     def test_leg_ghost_floor_and_force_stand_where_they_are(self, show):
         shown = show()
@@ -234,6 +165,10 @@ class TestState:
         expect(shown.page.locator("#stage-list .left")).to_have_count(29)
         expect(shown.page.locator("#stage-list .past")).to_have_count(8)
 
+    def test_a_page_that_is_opened_after_a_stop_ticks_off_what_was_done(self, show):
+        page = show(state=messages.state(stage=-1, reached=6, ended="stopped by the operator")).page
+        expect(page.locator("#stage-list .past")).to_have_count(7)
+
     def test_a_short_stage_that_came_and_went_between_two_states_is_done(self, show):
         shown = show()
         shown.server.say(messages.state(stage=3), messages.state(stage=6))
@@ -266,9 +201,11 @@ class TestState:
         expect(page.locator("#health-head")).to_have_text("Health: 1 bad")
 
     def test_a_trip_is_large_with_code_and_paragraph(self, show):
-        tripped = messages.state(ended="TRIP L-01", trip={"code": "L-01", "text": "force 312 N, limit 300 N"})
+        tripped = messages.state(ended="TRIP L-01", eta_s=None, trip={"code": "L-01", "text": "TRIP L-01: force 312 N, limit 300 N"})
         page = show(state=tripped).page
         expect(page.locator("#trip-code")).to_have_text("TRIP L-01")
+        expect(page.locator("#trip-text")).to_have_text("force 312 N, limit 300 N")
+        expect(page.locator("#eta")).to_have_text("cut short at 21 % after 0 s")
         assert page.locator("#trip-code").bounding_box()["height"] > 30
         expect(page.locator("#trip-link")).to_have_attribute("href", "/trips#l-01")
         page.wait_for_function("() => document.title === 'TRIP L-01'")
@@ -280,134 +217,6 @@ class TestState:
         sim, real = (show(messages.hello(mark=mark)).page.locator("#mark").evaluate(look) for mark in ("SIM", "REAL"))
         assert sim == ["rgba(0, 0, 0, 0)", "dashed", "SIM"]
         assert real == ["rgb(27, 27, 27)", "solid", "REAL"]
-
-
-class TestStopping:
-    @pytest.mark.parametrize(
-        ("button", "how", "said"),
-        [("Stop at the next safe point", "safe point", "stops at the next safe point"), ("Torque off now", "now", "torque off now")],
-    )
-    def test_a_stop_is_sent_once_and_shown(self, show, button, how, said):
-        shown = show(anew=True)
-        shown.page.get_by_role("button", name=button).dblclick()
-        expect(shown.page.locator("#stop-answer")).to_contain_text(said)
-        expect(shown.page.get_by_role("button", name=button)).to_be_disabled()
-        assert shown.server.stops == [{"how": how}]
-
-    def test_torque_off_stays_possible_after_a_safe_stop_was_asked_for_elsewhere(self, show):
-        shown = show(anew=True)
-        shown.server.say(messages.state(stop_asked="safe point"))
-        expect(shown.page.get_by_role("button", name="Stop at the next safe point")).to_be_disabled()
-        shown.page.get_by_role("button", name="Torque off now").click()
-        expect(shown.page.locator("#stop-answer")).to_have_text("Asked: torque off now.")
-        assert shown.server.stops == [{"how": "now"}]
-
-    def test_a_stop_that_was_refused_says_so_and_may_be_tried_again(self, show):
-        shown = show(anew=True)
-        shown.server.stop_status = 500
-        shown.page.get_by_role("button", name="Torque off now").click()
-        expect(shown.page.locator("#stop-answer")).to_have_text("Refused (500). NOT SENT. Use the emergency stop.")
-        expect(shown.page.get_by_role("button", name="Torque off now")).to_be_enabled()
-        shown.watched.complaints.clear()  # the browser notes the 500 in its console
-
-    def test_buttons_stay_where_they_are_whatever_is_said(self, show):
-        shown = show(anew=True)
-        before = shown.page.locator("#stop-now").bounding_box()
-        shown.page.locator("#stop-safe").click()
-        shown.server.say(messages.state(9.0, trip={"code": "L-01", "text": "force " * 40}))
-        expect(shown.page.locator("#trip")).to_be_visible()
-        assert shown.page.locator("#stop-now").bounding_box() == before
-
-
-class TestConnection:
-    def test_silence_covers_the_picture_until_it_is_heard_again(self, show):
-        shown = show(messages.hello(mark="REAL"), anew=True)
-        shown.server.is_silent = True
-        lost = shown.page.get_by_role("alertdialog")
-        expect(lost).to_be_visible()
-        expect(lost).to_contain_text("Connection lost")
-        expect(lost).to_contain_text("s old")
-        assert float(shown.page.locator("main").evaluate("main => getComputedStyle(main).opacity")) < 0.5
-        assert shown.page.title() == "CONNECTION LOST"
-        expect(shown.page.locator("#stop-now")).to_be_enabled()
-        shown.server.is_silent = False
-        expect(lost).to_be_hidden()
-
-    def test_a_closed_connection_is_lost_and_found_again_with_new_traces(self, show):
-        shown = show(anew=True)
-        shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=flat(5.0)))
-        shown.server.hello["title"] = "the next one"
-        shown.server.hang_up()
-        expect(shown.page.get_by_role("alertdialog")).to_be_visible()
-        expect(shown.page.locator("#title")).to_have_text("the next one")
-        expect(shown.page.get_by_role("alertdialog")).to_be_hidden()
-        assert shown.page.evaluate("rfcaView.shown.buckets.t.length") == 0
-
-    def test_the_end_of_a_run_is_no_alarm(self, show):
-        shown = show(state=messages.state(ended="done"), anew=True)
-        shown.server.hang_up()
-        shown.page.wait_for_function("() => document.title.startsWith('ended')")
-        assert not shown.page.get_by_role("alertdialog").is_visible()
-        expect(shown.page.locator("#ended")).to_have_text("The run has ended: done. This picture does not change any more.")
-
-    def test_a_run_that_tells_nothing_new_is_said_to(self, show):
-        expect(show(anew=True).page.locator("#stale")).to_be_visible()
-
-    def test_a_token_of_an_earlier_run_is_told_from_a_loss(self, show):
-        shown = show(anew=True)
-        shown.page.evaluate("rfcaView.connection.token = 'stale'")
-        shown.server.hang_up()
-        expect(shown.page.get_by_role("alertdialog")).to_contain_text("Not allowed")
-        shown.watched.complaints.clear()  # the 403
-
-
-def replayed(show: Callable[..., Shown], anew: bool = True) -> Shown:
-    return show(messages.hello(mode="replay", can_stop=False, duration_s=60.0), messages.state(12.0, speed=1.0), anew=anew)
-
-
-class TestReplay:
-    def test_it_plays_by_itself_and_cannot_be_stopped_only_paused(self, show):
-        shown = replayed(show)
-        assert heard(shown, "play") == [{"kind": "play", "speed": 1}]
-        expect(shown.page.locator("#stop-now")).to_be_disabled()
-        expect(shown.page.locator("#stop-answer")).to_have_text("A recording: there is nothing to stop.")
-        shown.server.heard.clear()
-        shown.page.keyboard.press("Space")
-        assert heard(shown, "play") == [{"kind": "play", "speed": 0}]
-
-    def test_it_stands_still_for_those_who_want_less_motion(self, show, one_page):
-        one_page.page.emulate_media(reduced_motion="reduce")
-        assert heard(replayed(show), "play") == [{"kind": "play", "speed": 0}]
-        one_page.page.emulate_media(reduced_motion="null")
-
-    def test_the_slider_seeks_and_stays_where_it_was_put(self, show):
-        shown = replayed(show)
-        slider = shown.page.get_by_label("Time in the recording")
-        expect(slider).to_have_js_property("value", "12")
-        box = slider.bounding_box()
-        shown.page.mouse.click(box["x"] + 0.75 * box["width"], box["y"] + 0.5 * box["height"])
-        assert heard(shown, "seek")[-1]["at_s"] == pytest.approx(45.0, abs=1.0)
-        assert float(slider.evaluate("slider => slider.value")) == pytest.approx(45.0, abs=1.0)
-        expect(shown.page.locator("#clock")).to_contain_text("of 60.0 s")
-
-    @pytest.mark.parametrize(
-        ("key", "at_s"), [("ArrowRight", 13.0), ("ArrowLeft", 11.0), ("Shift+ArrowLeft", 11.9), ("Home", 0.0), ("End", 60.0)]
-    )
-    def test_keys(self, show, key, at_s):
-        shown = replayed(show, anew=False)
-        shown.page.wait_for_function("() => document.getElementById('slider').value === '12'")
-        shown.server.heard.clear()
-        shown.page.locator("#slider").focus()  # which has a mind of its own about keys
-        shown.page.keyboard.press(key)
-        assert heard(shown, "seek") == [{"kind": "seek", "at_s": pytest.approx(at_s)}]
-        assert shown.page.evaluate("rfcaView.replay.wantedS") == pytest.approx(at_s)
-
-    def test_speed_is_asked_for(self, show):
-        shown = replayed(show)
-        heard(shown, "play")
-        shown.server.heard.clear()
-        shown.page.locator("#speed").select_option("0.25")
-        assert heard(shown, "play") == [{"kind": "play", "speed": 0.25}]
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (1920, 1080), (820, 1180), (1180, 820)])

@@ -8,6 +8,7 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.errors import BadInput
+from rfca_rig.recording.form import Column, Recording, Stream, Stroke
 from rfca_rig.recording.store import write_recording
 from rfca_rig.view.legs import Legs
 from rfca_rig.view.replay import Replay
@@ -89,6 +90,13 @@ def test_time_goes_as_fast_as_the_page_wants_and_stands_where_it_says(small):
     before = last(shown.after(0.2), "state")["now_s"]
     state = last(shown.after(5.0, beats=5), "state")
     assert (state["now_s"], state["speed"], state["eta_s"]) == (before, 0.0, None)
+
+
+def test_the_very_last_sample_is_drawn():
+    t_s, fz_N = np.array([-0.1, 0.0, 0.0999]), np.array([1.0, 2.0, -77.0])
+    stroke = Stroke(0.215, 2.4, 1, {"table": Stream(t_s, {"fz_N": Column(fz_N, "N")})})
+    shown = Shown(in_memory(Recording("short", "IMPORT", {}, {}, (stroke,), ())))
+    assert drawn(shown.feed.news() + shown.after(1.0, beats=10))[0] == -77.0
 
 
 @pytest.mark.parametrize("at_s", [-5.0, 1e8])

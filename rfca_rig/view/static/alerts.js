@@ -24,7 +24,7 @@ export class Alerts {
     if (!trip || this.trip === trip.text) return;
     this.trip = trip.text; // an alert is read out anew when its text is set
     element("trip-code").textContent = `TRIP ${trip.code}`;
-    element("trip-text").textContent = trip.text;
+    element("trip-text").textContent = trip.text.replace(`TRIP ${trip.code}: `, "");
     this.pointTo(trip.code);
   }
 

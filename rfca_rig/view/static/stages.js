@@ -23,6 +23,7 @@ export class StageList {
   update(state) {
     const isStopped = Boolean(state.stop_asked || state.trip || (state.ended && state.ended !== "done"));
     if (state.ended === "done") this.reached = this.stages.length - 1;
+    else if (this.current === undefined) this.reached = state.reached ?? -1; // a page that was opened late
     if (state.stage !== this.current || isStopped !== this.isStopped) this.go(state.stage, isStopped);
     const item = this.items.get(this.current);
     if (item) item.querySelector("progress").value = state.stage_done;

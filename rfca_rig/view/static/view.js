@@ -63,11 +63,18 @@ function state(message) {
   if (!shown.hello) return;
   shown.state = message;
   for (const part of parts) part.update?.(message);
-  element("done").value = message.done;
-  const left = message.eta_s === null ? "" : `, ${duration(message.eta_s)} to go`;
-  element("eta").textContent = shown.hello.mode === "live" ? `${percent(message.done)} after ${duration(message.now_s)}${left}` : percent(message.done);
+  showProgress(message);
   element("going-on").textContent = message.stage_label ?? shown.hello.stages[message.stage]?.label ?? "";
   showSaid(message.said);
+}
+
+// a run that was cut short is over, but it is not done
+function showProgress({ done, ended, eta_s: etaS, now_s: nowS }) {
+  element("done").value = done;
+  const left = etaS === null ? "" : `, ${duration(etaS)} to go`;
+  const cutShort = ended !== null && ended !== "done" ? "cut short at " : "";
+  const live = `${cutShort}${percent(done)} after ${duration(nowS)}${left}`;
+  element("eta").textContent = shown.hello.mode === "live" ? live : percent(done);
 }
 
 function showSaid(lines) {
