@@ -34,6 +34,19 @@ def test_the_commands_run_as_written(clone, monkeypatch, capsys):
         assert typed(monkeypatch, capsys, *words).exit_code == 0, line
 
 
+def test_the_next_five_minutes_are_as_shown(clone, monkeypatch, capsys):
+    """All but the view, which goes on until somebody ends it."""
+    exit_codes = {"doctor": (0, 1), "dynamic": (3,)}
+    shown = " ".join(re.search(r"```text\n(SIM flap .*?TRIP.*?)\n```", README, re.DOTALL)[1].split())
+    for line in block("minutes").splitlines():
+        program, *words = shlex.split(line)
+        if program == "rfca-rig" and words[0] != "view":
+            said = typed(monkeypatch, capsys, *words)
+            assert said.exit_code in exit_codes.get(words[0], (0,)), line
+            if words[0] == "dynamic":
+                assert all(" ".join(told.split()) in " ".join(said.err.split()) for told in shown.split(" ... "))
+
+
 def test_the_whole_job_ends_in_a_report_and_the_snippet_reads_its_recording(clone, monkeypatch, capsys):
     run, diagnose = (shlex.split(part) for part in block("job").split("&&")[-2:])
     assert run[0] == diagnose[0] == ".venv/bin/rfca-rig"

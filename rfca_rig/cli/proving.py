@@ -77,5 +77,5 @@ def _numbers(cases: int | None, kind: str | None) -> dict[str, int]:
     if kind is None:
         return dict(DEFAULT_NUMBERS) if cases is None else shared_out(cases)
     if kind not in KINDS:
-        raise BadInput(f"--kind {kind!r} is unknown; {suggestion(kind, KINDS)}")
+        raise BadInput(f"--kind {kind!r} is unknown; {suggestion(kind, map(repr, KINDS))}")
     return {kind: DEFAULT_NUMBERS[kind] if cases is None else cases}
