@@ -85,7 +85,7 @@ def test_a_camera_that_cannot_be_used_is_red(tmp_path, shows, image, said):
 def test_a_calibration_that_cannot_be_used_is_red_and_the_camera_is_left_alone(tmp_path):
     found = findings(tmp_path, TEXT.replace("twin-camera.toml", "nowhere.toml"))
     assert colours(found.values()) == {"camera file": "red"}
-    assert "nowhere.toml: cannot be read" in whole(found["camera file"])
+    assert "nowhere.toml: not there" in whole(found["camera file"])
 
 
 def test_a_folder_for_photos_is_there_or_red(tmp_path):

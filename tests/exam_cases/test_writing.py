@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam import cases
 from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import Case, drawn_cases
@@ -91,7 +91,7 @@ def test_truths_are_sealed_before_the_first_campaign(tmp_path, monkeypatch):
         raise RuntimeError
 
     monkeypatch.setattr(write, "write_campaign", fail)
-    with pytest.raises(RuntimeError):
+    with pytest.raises(RigError, match="case-0001 not with RuntimeError; the same command tries them again"):
         write.write_cases(tmp_path / "out", 1, {cases.POOR_DATA: 1})
     assert len(open_all(tmp_path / "out")) == 1
 

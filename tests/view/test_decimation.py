@@ -50,8 +50,14 @@ def streams(draw, longest_gap_s):
     return t_s, random.normal(size=(len(t_s), 2)), np.split(np.arange(len(t_s)), cuts), random
 
 
+REMEMBERED = st.one_of(
+    st.tuples(streams(0.2), st.just(0)), st.tuples(streams(0.9), st.integers(1, 5)), st.tuples(streams(30.0), st.integers(6, 12))
+)
+"""Streams with a level that remembers all of them: the finest a second, the next four."""
+
+
 @settings(max_examples=40)
-@given(st.one_of(st.tuples(streams(0.9), st.integers(0, 5)), st.tuples(streams(30.0), st.integers(6, 12))))
+@given(REMEMBERED)
 def test_no_peak_is_lost_at_any_level_however_the_samples_come(what):
     """Each bucket is asked for as soon as it is closed, as a page does; what was late counts where it came."""
     stream, level = what
