@@ -74,14 +74,14 @@ def run_once(rig: RigFile) -> tuple[Stroke, StreamHealth]:
 
 
 def test_one_stroke_is_run_over_the_sockets_as_in_simulated_time(served, tmp_path):
-    """A busy machine may be late, or leave the drive without a word for its 0.1 s: the trip is right, and tried again."""
+    """A busy machine may be late, or leave drive or sensor without a word for too long: the trip is right, and tried again."""
     rig = real_rig(tmp_path, served)
     for attempt in range(5):
         try:
             stroke, health = run_once(rig)
             break
         except Tripped as trip:
-            assert (trip.code == Trip.LATE or "WATCHDOG" in str(trip)) and attempt < 4, trip
+            assert (trip.code in (Trip.LATE, Trip.SENSOR_SILENT) or "WATCHDOG" in str(trip)) and attempt < 4, trip
     force, shaft = stroke.streams["force"], stroke.streams["shaft"]
     assert (health.lost, health.malformed, health.notes) == (0, 0, [])
     assert np.diff(force.t_s) == pytest.approx(np.full(len(force.t_s) - 1, 1.0 / 7000.0))
