@@ -42,9 +42,7 @@ class ServedRig:
         def step(running_s: float) -> None:
             for order in agenda.pass_to(running_s):
                 switched(order)
-            for name, happen in self._events.items():
-                if self._panel.take(name):
-                    happen()
+            self._panel.let_happen(self._events)
 
         self._loop.run(self.reached.ports, step, seconds)
 

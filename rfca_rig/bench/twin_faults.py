@@ -94,9 +94,7 @@ class Mishaps:
 
         def carried(to_s: float) -> None:
             self._agenda.pass_to(to_s)
-            for name, happen in events.items():
-                if self._panel.take(name):
-                    happen()
+            self._panel.let_happen(events)
             process(to_s)
 
         return carried

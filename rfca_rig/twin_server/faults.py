@@ -1,6 +1,6 @@
 """What can go wrong on purpose: each fault by its name, switched while the server runs."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from rfca_rig.errors import BadInput
@@ -83,6 +83,12 @@ class FaultPanel:
         wanted = name in self._on
         self._on.discard(name)
         return wanted
+
+    def let_happen(self, events: Mapping[str, Callable[[], None]]) -> None:
+        """Each of the events that is wanted, once."""
+        for name, happen in events.items():
+            if self.take(name):
+                happen()
 
     def lines(self) -> list[str]:
         """Every fault with its state and meaning."""
