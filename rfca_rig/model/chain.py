@@ -101,13 +101,13 @@ def at_rest(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaf
         memory=np.zeros((0 if laws is None else laws.place.size, links, 4)),
     )
     state.q[links:] = 0.0
-    smooth = chain._replace(mu=0.0, drag=0.0)
-    if not settle(smooth, laws, shaft, state, 1e-12):
+    smooth, work = chain._replace(mu=0.0, drag=0.0), room_to_work(coordinates, links)
+    if not settle(smooth, laws, shaft, state, 1e-12, work):
         raise SimulationFailed(
             f"no rest pose found with the shaft at {np.degrees(shaft_angle_rad):.1f} degrees and "
             f"{1e3 * chain.ground_depth:.1f} mm above the ground; is the rack height right?"
         )
-    settle_memory(chain, laws, state)
+    settle_memory(chain, laws, state, work)
     return state
 
 
@@ -117,7 +117,7 @@ def set_swinging(chain: Chain, laws: Laws | None, state: State, share: float, ra
     sag = state.q[0] - state.q[:links]
     state.q[:links] += share * sag
     state.w[:links] += rate_per_s * sag
-    settle_memory(chain, laws, state)
+    settle_memory(chain, laws, state, room_to_work(state.q.size, links))
 
 
 def room_for(t_s: Floats, coordinates: int, links: int | None = None) -> Samples:

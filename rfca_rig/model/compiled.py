@@ -54,7 +54,11 @@ def inlined(function: Function) -> Function:
 
 
 def compiled_allocating(function: Function) -> Function:
-    """The same for functions that make arrays, and so have to count who holds them."""
+    """The same for functions that make arrays, and so have to count who holds them, but hand none of them back.
+
+    Handing back an array calls the interpreter, in which a ^C may be raised; the compiler does not look whether one was, and
+    the process ends by a segmentation fault. What a caller is to get, it brings.
+    """
     return _compiled(function, {})
 
 

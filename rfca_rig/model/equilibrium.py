@@ -7,8 +7,7 @@ from rfca_rig.model.contact import drag_anchors
 from rfca_rig.model.forces import assemble
 from rfca_rig.model.integrator import remember
 from rfca_rig.model.linear import solve
-from rfca_rig.model.stage import room_to_work
-from rfca_rig.model.state import Chain, Laws, Shaft, State
+from rfca_rig.model.state import Chain, Laws, Shaft, State, Work
 
 NEWTON_LIMIT = 200
 LONG_S = 1e9  # at rest everything has relaxed
@@ -16,13 +15,12 @@ LONGEST_TURN_RAD = 0.1  # per iteration, so that a leg far from rest does not ju
 
 
 @compiled_allocating
-def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, tolerance: float) -> bool:
+def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, tolerance: float, work: Work) -> bool:
     """Turns state.q into the equilibrium with the shaft held at q[0], or free on its spring, by damped Newton; True when found.
 
     `chain` is to be without friction: what a stuck end carries depends on how it got there, which a rest pose does not know.
     """
-    q = state.q
-    work, zero = room_to_work(q.size, state.anchor.size), np.zeros(q.size)
+    q, zero = state.q, np.zeros(state.q.size)
     for _ in range(NEWTON_LIMIT):
         assemble(chain, laws, state, LONG_S, q, zero, zero, (0.0, 0.0, 1.0), work)
         if shaft.free:
@@ -42,9 +40,8 @@ def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, toleranc
 
 
 @compiled_allocating
-def settle_memory(chain: Chain, laws: Laws | None, state: State) -> None:
+def settle_memory(chain: Chain, laws: Laws | None, state: State, work: Work) -> None:
     """Lets the laws remember the rest pose, and ties the ends to the ground right below them."""
-    work = room_to_work(state.q.size, state.anchor.size)
     assemble(chain, laws, state, LONG_S, state.q, state.w, state.a, None, work)
     work.q[:] = state.q
     remember(chain, laws, state, LONG_S, work)

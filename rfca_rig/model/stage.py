@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rfca_rig.model.compiled import compiled, compiled_allocating, inlined
+from rfca_rig.model.compiled import compiled, inlined
 from rfca_rig.model.forces import assemble
 from rfca_rig.model.linear import factor, substitute
 from rfca_rig.model.shaft import drive_rotor, place
@@ -14,7 +14,6 @@ SAME_SLOPE = 0.3  # of the hinge's spring: where an effect changes by more, the 
 ABSURD_RAD_S2 = 1e15
 
 
-@compiled_allocating
 def room_to_work(coordinates: int, links: int) -> Work:
     """Scratch for a chain of so many links and coordinates."""
     v, u = np.zeros((13, coordinates)), np.zeros((2, links))
