@@ -54,8 +54,10 @@ async def serve(source: Source, token: str, listening: socket.socket, ended: asy
     while not serving.done() and not ended.is_set() and beat(pages):
         beats.strike()
         await _next_beat(ended)
-    beats.strike()
     server.should_exit = True
+    while not serving.done():  # a page looks at whether its socket is closed at every beat
+        beats.strike()
+        await asyncio.wait([serving], timeout=1.0 / BEATS_HZ)
     await serving
 
 

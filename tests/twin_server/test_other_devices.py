@@ -3,7 +3,6 @@
 import json
 
 import numpy as np
-import pytest
 
 from rfca_rig.bench.make import open_bench
 from rfca_rig.description.rig_file import read_rig
@@ -13,6 +12,7 @@ from tests.twin_server.server import serving
 MOTOR = '[motor]\ndevice = "cubemars-mit"\ndrive_id = 1\nmodel = "AK80-9"\ndirection = 1\nzero_rad = 0.0\n'
 SENSOR = '[force_sensor]\ndevice = "ati-serial"\ncounts_per_N = 20.0\ncounts_per_Nm = 333.33\nrate_Hz = 80.0\n'
 TICK_S = 2e-3
+SPEED_RAD_S = 0.5
 
 
 def rig_text() -> str:
@@ -38,16 +38,19 @@ def test_both_are_read_over_their_wires(tmp_path, monkeypatch):
             bench.sensor.start()
             bench.motor.enable()
             bench.motor.read()
-            angles, counts, due_s = [], [], bench.clock.now_s()
+            began_s = due_s = bench.clock.now_s()
+            angles, counts = [], []
             for _ in range(400):
-                bench.motor.command_speed(0.5)
+                bench.motor.command_speed(SPEED_RAD_S)
                 due_s = max(due_s + TICK_S, bench.clock.now_s())
                 bench.clock.wait_until(due_s)
                 angles += bench.motor.read().angle_rad.tolist()
                 counts += bench.sensor.read().counts.tolist()
             assert bench.motor.status().fault is None
+            took_s = bench.clock.now_s() - began_s
             bench.motor.disable()
             bench.sensor.stop()
-    assert angles[-1] - angles[0] == pytest.approx(0.4, abs=0.25)
+    # it takes a moment to come up to speed; a machine that is busy makes the ticks longer and the twin slow
+    assert 0.15 < angles[-1] - angles[0] < SPEED_RAD_S * took_s + 0.05
     assert len(counts) > 30
     assert np.abs(counts).max() < 2**15

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Error, Page, Request, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Error, Page, Request, expect, sync_playwright
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 OPTIONS = [
@@ -18,12 +18,14 @@ OPTIONS = [
     "--no-first-run",
 ]
 LOOPBACK = ("127.0.0.1", "localhost")
+PATIENCE_MS = 30_000.0  # a machine that is busy with something else is slow, which is no fault of the page
 
 
 @contextmanager
 def browser() -> Iterator[Browser]:
     """An installed Chromium, else Playwright's own; skips the test where there is none."""
     installed = next((path for path in map(shutil.which, NAMES) if path), None)
+    expect.set_options(timeout=PATIENCE_MS)
     with sync_playwright() as playwright:
         try:
             started = playwright.chromium.launch(executable_path=installed, args=OPTIONS)
