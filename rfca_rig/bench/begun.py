@@ -1,6 +1,6 @@
 """A run that was begun and is over, as it stands on disk: its plan, what of it is done, why and when it stopped."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,9 @@ from rfca_rig.protocol.plan import Plan
 from rfca_rig.protocol.remaining import Done
 from rfca_rig.protocol.written_plan import plan_of
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.cycle_table import cycle_table
 from rfca_rig.recording.form import Recording, StaticStage
+from rfca_rig.recording.layout import stage_files
+from rfca_rig.recording.outline import outline_of
 from rfca_rig.recording.run_text import events_of, read_ending, read_header
 
 RESUMED = "run resumed"
@@ -64,18 +65,20 @@ def read_begun(folder: Path) -> Begun:
         raise BadInput(what)
     header = read_header(folder)
     run_folder.close_journals(folder)
-    events, found = events_of(folder), run_folder.read_stages(folder)
+    events, found = events_of(folder), [outline_of(file) for file in stage_files(folder)]
     why = _why(events)
     if why == "done":
         raise BadInput(f"{folder}: is done; there is nothing left to resume")
     plan = _plan(folder, header)
-    _check_stages(folder, plan, found)
+    strokes = [stroke for part in found for stroke in part.strokes]
+    static = run_folder.read_without_samples(folder).static
+    _check_stages(folder, plan, strokes, static)
     return Begun(
         folder=folder,
         header=header,
         plan=plan,
-        done=Done(len(found.strokes), len(found.static), int(cycle_table(found).numbers.max(initial=0))),
-        static=found.static,
+        done=Done(len(strokes), len(static), max((part.last_cycle for part in found), default=0)),
+        static=static,
         why=why,
         last_seen=_last_clocks(events),
         ending=_ending(folder),
@@ -109,9 +112,9 @@ def _last_clocks(events: list[dict[str, Any]]) -> dict[str, str | float]:
     return {name: last[name] for name in ("t_s", "utc") if name in last}
 
 
-def _check_stages(folder: Path, plan: Plan, found: Recording) -> None:
-    strokes = [(stroke.height_m, stroke.speed_rad_s, stroke.repeat) for stroke in found.strokes]
-    static = [(stage.height_m, stage.stage) for stage in found.static]
-    planned = [(flap.height_m, flap.speed_rad_s, flap.repeat) for flap in plan.flaps][: len(strokes)]
-    if strokes != planned or static != [(hold.height_m, hold.number) for hold in plan.holds][: len(static)]:
+def _check_stages(folder: Path, plan: Plan, strokes: Sequence[tuple[float, float, int]], static: Sequence[StaticStage]) -> None:
+    flaps = [(flap.height_m, flap.speed_rad_s, flap.repeat) for flap in plan.flaps][: len(strokes)]
+    holds = [(hold.height_m, hold.number) for hold in plan.holds][: len(static)]
+    flapped = [(height_mm / 1e3, *speed_and_repeat) for height_mm, *speed_and_repeat in strokes]
+    if flapped != flaps or [(stage.height_m, stage.stage) for stage in static] != holds:
         raise BadInput(f"{folder}: its stage files are not what its plan begins with; type rfca-rig check {folder}")

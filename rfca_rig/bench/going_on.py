@@ -13,8 +13,8 @@ from rfca_rig.recording.run_text import Ending, events_of
 from rfca_rig.vision.leg_photo import Eye
 
 
-def go_on(begun: Begun, clock: Clock, seed: int | None, rig_changes: Mapping[str, str]) -> None:
-    """Opens the run's folder again, and says in its events when and why it had stopped, and what is not as it was."""
+def go_on(begun: Begun, clock: Clock, operator: str, seed: int | None, rig_changes: Mapping[str, str]) -> None:
+    """Opens the run's folder again, and says in its events when and why it had stopped, who goes on, and what is not as it was."""
     event = {
         "event": RESUMED,
         "t_s": round(clock.now_s(), 6),
@@ -23,6 +23,7 @@ def go_on(begun: Begun, clock: Clock, seed: int | None, rig_changes: Mapping[str
         "stopped_at": dict(begun.last_seen),
         "done": {"strokes": begun.done.strokes, "static_stages": begun.done.holds, "last_cycle": begun.done.cycle},
         "ending": dict(begun.ending),
+        "operator": operator,
         **({} if seed is None else {"seed": seed}),
         **({"rig_changes": dict(rig_changes)} if rig_changes else {}),
     }

@@ -35,14 +35,15 @@ def made_by(bench: Bench) -> dict[str, str]:
     }
 
 
-def people(operator: str, sample: str) -> dict[str, str]:
+def people(name: str, sample: str) -> dict[str, str]:
     """Who runs the rig, and which specimen is on it; "" for a specimen that nobody named."""
-    return {"operator": operator or _login_name(), "sample": sample}
+    return {"operator": operator(name), "sample": sample}
 
 
-def _login_name() -> str:
+def operator(name: str) -> str:
+    """The one who is named, else who is logged in."""
     try:
-        return getpass.getuser()
+        return name or getpass.getuser()
     except (OSError, KeyError):  # a user of whom this system has no name, as in a container
         return UNKNOWN
 

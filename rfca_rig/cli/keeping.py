@@ -30,7 +30,7 @@ def open_folder(order: Order, folder: Path, bench: Bench) -> None:
     if order.begun is None:
         run_folder.create(folder, _header(order, bench))
     else:
-        go_on(order.begun, bench.clock, order.twin_seed, order.rig_changes)
+        go_on(order.begun, bench.clock, provenance.operator(order.operator), order.twin_seed, order.rig_changes)
 
 
 def note_end(recorder: Recorder, why: str) -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.options import Dry, Json, Pace, View, ViewPort
+from rfca_rig.cli.options import Dry, Json, Operator, Pace, View, ViewPort
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,6 +26,7 @@ def resume(
     after_trip: Annotated[
         bool, typer.Option("--after-trip", help="Go on although a limit had stopped the motion; look at the rig first.")
     ] = False,
+    operator: Operator = "",
     view: View = False,
     view_port: ViewPort = None,
     pace: Pace = 1.0,
@@ -47,7 +48,7 @@ def resume(
     from rfca_rig.cli.terminal import marked
 
     begun = read_begun(run.parent if run.suffix == ".h5" else run)
-    order = replace(_order(begun, rig, as_json, dry_run), viewing=viewing_of(view, view_port, pace))
+    order = replace(_order(begun, rig, as_json, dry_run), viewing=viewing_of(view, view_port, pace), operator=operator)
     _check_trip(begun, after_trip)
     marked(order.mark, as_json)(f"{begun.folder} stopped: {begun.why}; what remains of its plan:")
     if order.plan.experiment == "fatigue":
@@ -115,13 +116,14 @@ def _close(order: "Order", begun: "Begun", as_json: bool) -> None:
 
     from rfca_rig.cli import fatigue
     from rfca_rig.cli.keeping import counted
-    from rfca_rig.recording.run_folder import read_stages
+    from rfca_rig.recording.layout import RECORDING
+    from rfca_rig.recording.tally import tally_of
 
     if begun.plan.experiment == "fatigue":
         fatigue.close(order.mark, begun.folder, as_json)
     elif as_json:
-        kept = read_stages(begun.folder)
-        count = {"strokes": len(kept.strokes), "static_stages": len(kept.static), "resumed": begun.resumed + 1}
+        kept = tally_of(begun.folder / RECORDING, thorough=False)
+        count = {"strokes": kept.strokes, "static_stages": kept.static, "resumed": begun.resumed + 1}
         typer.echo(json.dumps({"source": order.mark, "run": str(begun.folder), **count}, indent=1))
     else:
         typer.echo(f"{order.mark} {counted(begun.folder)} in {begun.folder}; next: rfca-rig report {begun.folder} --out report", err=True)

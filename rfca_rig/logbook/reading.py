@@ -117,10 +117,10 @@ def _of_recording(path: Path, folder: str) -> Entry:
 
     outline = outline_of(path / RECORDING)
     known = outline.provenance
-    conditions = [Condition(height, speed) for height, speed in outline.strokes]
-    conditions += [Condition(height) for height in outline.static_heights_mm]
+    conditions = [Condition(height, speed) for height, speed, _repeat in outline.strokes]
+    conditions += [Condition(round(1e3 * stage.height_m, 6)) for stage in outline.static]
     ended, code, why = _end(known) if {"ended", "interrupted"} & set(known) else ("", "", "")
-    guessed = "static" if outline.static_heights_mm and not outline.strokes else "dynamic"
+    guessed = "static" if outline.static and not outline.strokes else "dynamic"
     return Entry(
         folder,
         outline.title,
@@ -131,7 +131,7 @@ def _of_recording(path: Path, folder: str) -> Entry:
         known.get("sample", ""),
         tuple(dict.fromkeys(conditions)),
         len(outline.strokes),
-        len(outline.static_heights_mm),
+        len(outline.static),
         outline.cycles,
         ended,
         code,

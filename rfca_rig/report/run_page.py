@@ -102,7 +102,7 @@ def _stamp(story: RunStory) -> tuple[str, str]:
         return "not", "imported"
     if reason == DONE:
         return "named", DONE
-    if kept.get("ended", "").startswith("TRIP"):
+    if _has_tripped(kept):
         return "unexplained", f"tripped {reason}"
     return "unexplained", reason.replace("-", " ") or "not ended"
 
@@ -116,7 +116,12 @@ def _sentence(story: RunStory) -> str:
         return "The whole plan was carried out."
     if not ended:
         return unbroken(f"{interrupted[:1].upper()}{interrupted[1:]}." if interrupted else "The run was never brought to its end.")
-    return unbroken(f"The run ended before its plan did: {ended}.")
+    explained = f" What {kept['reason']} means, and what to do: rfca-rig trip {kept['reason']}." if _has_tripped(kept) else ""
+    return unbroken(f"The run ended before its plan did: {ended}.{explained}")
+
+
+def _has_tripped(kept: Mapping[str, str]) -> bool:
+    return kept.get("ended", "").startswith("TRIP")
 
 
 def _share(story: RunStory, done: Table) -> dict[str, str] | None:

@@ -200,9 +200,9 @@ def test_stage_files_that_are_not_those_of_the_plan_are_refused(stopped, monkeyp
 
 def test_events_tell_both_clocks_of_every_part(stopped, monkeypatch, capsys):
     run = stopped("stopped by the operator")
-    assert typed(monkeypatch, capsys, "resume", run).exit_code == 0
+    assert typed(monkeypatch, capsys, "resume", run, "--operator", "Ada").exit_code == 0
     (resumed,) = [event for event in events_of(run) if event["event"] == "run resumed"]
-    assert resumed["stopped"] == "stopped by the operator"
+    assert (resumed["stopped"], resumed["operator"]) == ("stopped by the operator", "Ada")
     assert resumed["stopped_at"]["t_s"] > 0.0
     assert resumed["ending"] == {"ended": "stopped by the operator", "lasted_s": "3.5"}
     assert resumed["seed"] == np.random.SeedSequence([1, 1]).generate_state(1)[0]

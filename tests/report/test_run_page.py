@@ -66,6 +66,7 @@ def test_a_run_that_was_carried_out():
 
 def test_a_run_that_tripped_says_so_first_and_shows_what_was_cut_short():
     html, text, story = shown(runs.tripped())
+    assert "What L-01 means, and what to do: rfca-rig trip L-01." in text
     assert "tripped L-01" in text and "1 of 4" in text and 'class="mark REAL"' in html
     assert text.index("TRIP L-01: force 50.5 N, limit 50 N") < text.index("What was planned")
     assert "cut short: TRIP L-01" in text and "✗" in html
