@@ -62,7 +62,7 @@ def test_a_stopped_exam_leaves_nobody_behind_and_goes_on_where_it_stood(monkeypa
     process = started(out)
     workers = hanging(out)
     os.killpg(process.pid, how) if how == signal.SIGINT else process.kill()
-    _, said = process.communicate(timeout=20)
+    _, said = process.communicate(timeout=120)
     if how == signal.SIGINT:
         assert process.returncode == 130 and said == "rfca-rig: stopped by the operator; the same command goes on where it stood\n"
     assert all_gone(workers)

@@ -70,7 +70,6 @@ THREE_PUBLISHED_SETS_AGREE_TO = {"mass_relative": 0.2, "centre_of_mass_m": 0.02,
 
 
 @pytest.mark.exam
-@pytest.mark.timeout(600)
 def test_friction_and_rotors_left_out_of_a_real_double_pendulum_are_named_where_the_believed_values_are_as_uncertain_as_they_are():
     campaign = replace(read_pendulum_campaign(DATA / "double"), known_to=THREE_PUBLISHED_SETS_AGREE_TO)
     found = diagnosed(campaign)
@@ -80,7 +79,6 @@ def test_friction_and_rotors_left_out_of_a_real_double_pendulum_are_named_where_
 
 
 @pytest.mark.exam
-@pytest.mark.timeout(600)
 def test_friction_and_rotors_left_out_of_a_real_double_pendulum_are_what_it_behaves_like():
     found = diagnosed(read_pendulum_campaign(DATA / "double"))
     assert set(found.rivals[0].ids) == {"joint_friction", "joint_inertia"}

@@ -16,8 +16,6 @@ from tests.trip_pages import form, page_of
 
 TABLE = Path(__file__).parents[2] / "docs" / "fault-table.md"
 
-pytestmark = pytest.mark.timeout(300)
-
 
 @pytest.mark.parametrize("cause", CAUSES.values(), ids=CAUSES)
 def test_a_cause_ends_as_it_should(cause: Cause, tmp_path: Path) -> None:

@@ -96,7 +96,6 @@ def begin(rig: DrivenRig, name: str) -> None:
         events_of(rig.twin)[name]()
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", CAUSES)
 @pytest.mark.parametrize("drive", DRIVES)
 def test_a_cause_ends_the_run_and_the_torque_is_gone(drive: str, name: str) -> None:

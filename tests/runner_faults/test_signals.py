@@ -31,7 +31,7 @@ RUN = "from rfca_rig.cli.main import run; run()"
 WORDS = ("dynamic", "run", "--height", "215", "--speed", "2.433", "--repeats", "400", "--json")
 OFF_AT_ONCE = "motor off"
 
-pytestmark = [pytest.mark.timeout(600), pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")]
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
 
 
 @dataclass

@@ -92,7 +92,7 @@ def test_a_stopped_sweep_goes_on_where_it_stood_to_the_same_bytes(unbroken, tmp_
             assert process.poll() is None and time.monotonic() < until
             time.sleep(0.02)
         os.kill(process.pid, signal.SIGKILL)
-        process.wait(timeout=20)
+        process.wait(timeout=120)
     else:
         with pytest.raises(KeyboardInterrupt):
             carry_out(small_plan(), out, Here(), Slow, stopped_after(4))

@@ -19,7 +19,7 @@ def asked_to_stop(url: str, body: bytes, **headers: str) -> int:
     """The status of the answer."""
     request = urllib.request.Request(url.replace("/?", "/stop?"), data=body, headers=headers, method="POST")
     try:
-        with urllib.request.urlopen(request, timeout=10.0) as answer:
+        with urllib.request.urlopen(request, timeout=60.0) as answer:
             return int(answer.status)
     except urllib.error.HTTPError as refused:
         return refused.code
@@ -28,7 +28,7 @@ def asked_to_stop(url: str, body: bytes, **headers: str) -> int:
 def got(url: str, path: str) -> tuple[int, str, str]:
     """Status, text and kind of what is there, without the token."""
     try:
-        with urllib.request.urlopen(f"{url.partition('/?')[0]}{path}", timeout=10.0) as answer:
+        with urllib.request.urlopen(f"{url.partition('/?')[0]}{path}", timeout=60.0) as answer:
             return int(answer.status), answer.read().decode(), answer.headers["content-type"]
     except urllib.error.HTTPError as refused:
         return refused.code, "", ""
