@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rfca_rig.campaign.stored import Stored, stored_at
+from rfca_rig.campaign.stored_streams import StoredStream
 from rfca_rig.errors import BadInput
-from rfca_rig.export.stored import Stored, StoredStream, static_row, stored_at
+from rfca_rig.export.static_row import static_row
 from rfca_rig.progress import Watcher, counted
 from rfca_rig.recording.atomic import make_folder_atomically, refusals
 
@@ -35,7 +37,8 @@ def export_csv(run: Path, out: Path, told: Watcher) -> ExportedCsv:
     if out.exists():
         raise BadInput(f"{out}: is there already; name a folder that does not exist yet, or take this one away")
     written: list[dict[str, Any]] = []
-    with stored_at(run) as stored, refusals(out, "cannot be written"):
+    stored = stored_at(run)
+    with refusals(out, "cannot be written"):
         make_folder_atomically(out, lambda folder: written.extend(_written(stored, folder, told)))
     return ExportedCsv(len(written), sum(row["records"] for row in written))
 
@@ -52,10 +55,11 @@ def _written(stored: Stored, folder: Path, told: Watcher) -> list[dict[str, Any]
 
 def _stages(stored: Stored, folder: Path, told: Watcher) -> Iterator[dict[str, Any]]:
     for number, stage in enumerate(counted((*stored.strokes, *stored.raw), told), start=1):
-        for stream in stage.streams:
-            name = f"stages/{number:03d}-{stream.name}.csv"
-            _write(folder / name, [TIME, *stream.columns], _records(stream))
-            yield {"file": name, "stage": stage.label, "device": stream.name, "records": len(stream.t_s), **stage.about}
+        with stage.samples.opened() as streams:
+            for stream in streams:
+                name = f"stages/{number:03d}-{stream.name}.csv"
+                _write(folder / name, [TIME, *stream.columns], _records(stream))
+                yield {"file": name, "stage": stage.label, "device": stream.name, "records": len(stream.t_s), **stage.about}
 
 
 def _records(stream: StoredStream) -> Iterator[Sequence[Any]]:

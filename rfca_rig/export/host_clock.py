@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.bench.begun import RESUMED
-from rfca_rig.export.stored import StoredStage, StoredStream
+from rfca_rig.campaign.stored import StoredStage
+from rfca_rig.campaign.stored_streams import StoredStream
 from rfca_rig.recording.rows import HOST_TIME
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -65,7 +66,7 @@ def placed(stages: Iterable[StoredStage], events: Iterable[Event]) -> list[tuple
     free_ns = 0
     for stage in stages:
         zero_s = zero_of(stage)
-        first_s, last_s = _span_s(stage)
+        first_s, last_s = stage.samples.span_s
         zero_ns = free_ns - round(first_s * NS) if zero_s is None else _clock_of(stage, zero_s + first_s, begun).ns(zero_s)
         found.append((zero_ns, stage))
         free_ns = zero_ns + round((last_s + APART_S) * NS)
@@ -74,13 +75,9 @@ def placed(stages: Iterable[StoredStage], events: Iterable[Event]) -> list[tuple
 
 def zero_of(stage: StoredStage) -> float | None:
     """The host time of t_s = 0: no record comes before it was taken, and some hardly later."""
-    least = [_least_delay(stream) for stream in stage.streams if HOST_TIME in stream.columns and len(stream.t_s)]
+    with stage.samples.opened() as streams:
+        least = [_least_delay(stream) for stream in streams if HOST_TIME in stream.columns and len(stream.t_s)]
     return min(least, default=None)
-
-
-def first_of(stage: StoredStage) -> float:
-    """The time of its first sample, from its zero."""
-    return _span_s(stage)[0]
 
 
 def _clock_of(stage: StoredStage, first_s: float, begun: list[Begun]) -> HostClock:
@@ -136,8 +133,3 @@ def _utc_ns(event: Event) -> int:
 def _least_delay(stream: StoredStream) -> float:
     host = stream.columns[HOST_TIME].raw
     return min(float(np.min(host[rows] - stream.t_s[rows])) for rows in stream.blocks())
-
-
-def _span_s(stage: StoredStage) -> tuple[float, float]:
-    spans = [(float(stream.t_s[:1][0]), float(stream.t_s[-1:][0])) for stream in stage.streams if len(stream.t_s)]
-    return min((first for first, _ in spans), default=0.0), max((last for _, last in spans), default=0.0)

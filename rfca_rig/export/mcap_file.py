@@ -20,11 +20,13 @@ from typing import IO, Any
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
+from rfca_rig.campaign.stored import Stored, StoredStage, stored_at
+from rfca_rig.campaign.stored_streams import StoredStream
 from rfca_rig.channels import UNITS
 from rfca_rig.export import foxglove_messages as foxglove
-from rfca_rig.export.host_clock import NS, event_times, events_in, first_of, placed
+from rfca_rig.export.host_clock import NS, event_times, events_in, placed
 from rfca_rig.export.sample_messages import Layout, layout_of, packed_samples
-from rfca_rig.export.stored import Stored, StoredStage, StoredStream, static_row, stored_at
+from rfca_rig.export.static_row import static_row
 from rfca_rig.progress import Watcher, counted
 from rfca_rig.recording.atomic import refusals, remove
 from rfca_rig.recording.form import StaticStage
@@ -52,7 +54,8 @@ def export_mcap(run: Path, out: Path, told: Watcher) -> Exported:
     many are done. Raises BadInput for what is no recording, RigError when the disk refuses.
     """
     partial = out.with_name(out.name + ".writing")
-    with stored_at(run) as stored, refusals(out, "cannot be written"):
+    stored = stored_at(run)
+    with refusals(out, "cannot be written"):
         out.parent.mkdir(parents=True, exist_ok=True)
         try:
             with partial.open("wb") as file:
@@ -136,21 +139,24 @@ class _McapFile:
         holds = held_behind(self._stored.static, [stage for _, stage in stages])
         ns = 0
         for zero_ns, stage in counted(stages, told):
-            for message in merge(*self._stage_messages(zero_ns, stage, holds.get(id(stage))), key=itemgetter(0)):
-                ns = max(ns, message[0])
-                yield message
+            with stage.samples.opened() as streams:
+                for message in merge(*self._stage_messages(zero_ns, stage, streams, holds.get(id(stage))), key=itemgetter(0)):
+                    ns = max(ns, message[0])
+                    yield message
         for held in self._stored.static if not holds else ():
             ns += NS
             yield from self._held_messages(ns, held)
 
-    def _stage_messages(self, zero_ns: int, stage: StoredStage, held: StaticStage | None) -> Iterator[Iterable[Message]]:
+    def _stage_messages(
+        self, zero_ns: int, stage: StoredStage, streams: Iterable[StoredStream], held: StaticStage | None
+    ) -> Iterator[Iterable[Message]]:
         """One ascending row of messages per channel."""
-        begin_ns = zero_ns + round(first_of(stage) * NS)
+        begin_ns = zero_ns + round(stage.samples.span_s[0] * NS)
         channel = self._channels.plain("/stage", foxglove.STAGE)
         yield [(begin_ns, channel, foxglove.values(label=stage.label, **stage.about))]
         if held is not None:
             yield list(self._held_messages(begin_ns, held))
-        for stream in stage.streams:
+        for stream in streams:
             if len(stream.t_s):
                 yield _samples(stream, *self._channels.samples(stream), zero_ns)
 
@@ -179,7 +185,7 @@ def _samples(stream: StoredStream, channel: int, layout: Layout, zero_ns: int) -
 
 def held_behind(static: Sequence[StaticStage], stages: Sequence[StoredStage]) -> Mapping[int, StaticStage]:
     """The static stage behind whose means the samples of a stage are, by the stage's id; none where their numbers differ."""
-    whole = [stage for stage in stages if stage.about.get("cut_short") == "" and stage.label.startswith("hold")]
+    whole = [stage for stage in stages if not stage.cut_short and stage.label.startswith("hold")]
     return {id(stage): held for stage, held in zip(whole, static, strict=True)} if len(whole) == len(static) else {}
 
 

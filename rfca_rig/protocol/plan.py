@@ -107,6 +107,11 @@ class Rest:
         return self.settle.limit_s
 
 
+def flap_label(height_m: float, speed_rad_s: float, repeat: int) -> str:
+    """What a stroke is called wherever it is told of."""
+    return f"flap {1e3 * height_m:.0f} mm, {speed_rad_s:g} rad/s, repeat {repeat}"
+
+
 @dataclass(frozen=True)
 class Flap:
     """One recorded stroke: at rest for `before_s`, then linearly to speed within `ramp_s`, on for `sweep_rad`, then to a stop."""
@@ -120,7 +125,7 @@ class Flap:
 
     @property
     def label(self) -> str:
-        return f"flap {1e3 * self.height_m:.0f} mm, {self.speed_rad_s:g} rad/s, repeat {self.repeat}"
+        return flap_label(self.height_m, self.speed_rad_s, self.repeat)
 
     @property
     def stroke_s(self) -> float:

@@ -17,7 +17,7 @@ from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import stroke_at_speed
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import Plan
+from rfca_rig.protocol.plan import Plan, flap_label
 from rfca_rig.protocol.written_plan import plan_of
 from rfca_rig.recording.cycle_table import CYCLES
 from rfca_rig.recording.form import RawStage, Recording, StaticStage, Stream, Stroke
@@ -177,7 +177,7 @@ def _parts(recording: Recording, expected: _Expected, begun: Mapping[str, list[B
     for cut in (stage for stage in recording.raw if stage.cut_short):
         yield _cut_short(cut, expected, _next(begun, cut.label))
     for stroke in recording.strokes:
-        label = stroke_label(stroke)
+        label = flap_label(stroke.height_m, stroke.speed_rad_s, stroke.repeat)
         yield _stroke(stroke, label, expected, _next(begun, label))
     for stage in (stage for stage in recording.raw if CYCLES in stage.streams and not stage.cut_short):
         yield _cycles(stage, expected, _next(begun, stage.label))
@@ -189,11 +189,6 @@ def _parts(recording: Recording, expected: _Expected, begun: Mapping[str, list[B
 
 def _next(begun: Mapping[str, list[Begun]], label: str) -> Begun | None:
     return begun[label].pop(0) if begun.get(label) else None
-
-
-def stroke_label(stroke: Stroke) -> str:
-    """As the plan calls it."""
-    return f"flap {1e3 * stroke.height_m:.0f} mm, {stroke.speed_rad_s:g} rad/s, repeat {stroke.repeat}"
 
 
 def _condition(height_m: float, speed_rad_s: float) -> str:

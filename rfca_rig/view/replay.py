@@ -5,6 +5,7 @@ from dataclasses import asdict
 from math import floor
 from typing import Any
 
+from rfca_rig.campaign.stored import Stored
 from rfca_rig.clock import Clock
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.trip_codes import Trip
@@ -15,7 +16,6 @@ from rfca_rig.view.page_feed import BEATS_HZ, SHORTEST_SPAN_S, STATES_HZ, Feed, 
 from rfca_rig.view.player import Player
 from rfca_rig.view.progress import Listed
 from rfca_rig.view.pyramid import ACROSS
-from rfca_rig.view.stored_stages import Stored
 from rfca_rig.view.time_line import plan_in, time_line
 
 LONGEST_SPAN_S = 60.0

@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+from rfca_rig.campaign.stored import stored_at
 from rfca_rig.clock import WallClock
 from rfca_rig.errors import BadInput
 from rfca_rig.view.access_token import new_token
@@ -12,7 +13,6 @@ from rfca_rig.view.legs import Legs
 from rfca_rig.view.live_view import url_of
 from rfca_rig.view.replay import Replay
 from rfca_rig.view.serving import bound, port_of, serve
-from rfca_rig.view.stored_stages import stored_at
 
 
 def replay(path: Path, port: int, ready: Callable[[str], None]) -> None:

@@ -7,13 +7,13 @@ from math import degrees, isnan
 
 import numpy as np
 
+from rfca_rig.campaign.stored import Stored, StoredStage
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.plan import Flap, Hold, Plan
 from rfca_rig.protocol.written_plan import plan_of
 from rfca_rig.recording.form import Column, StaticStage, Stream
 from rfca_rig.view.clip import Clip, Samples, samples_of
 from rfca_rig.view.scenes import STATIC_SWEEP_DEG, Scene, Stroked, scenes
-from rfca_rig.view.stored_stages import Stored, StoredStage
 
 PAUSE_S = 0.25
 HOLD_S = 1.0  # a static stage stays to be seen for no less
@@ -51,7 +51,7 @@ def _in_order(stored: Stored, start_rad: float | None, ramp_s: float) -> Iterato
                 yield replace(clip, label=stage.label, scene=scene, planned_rad=clip.planned_rad or planned)
     yield from strokes
     yield from holds
-    yield from (_cut_short(stage) for stage in stored.raw if stage.cut_short)
+    yield from (_cut_short(stage) for stage in stored.raw if stage.cut_short and not stage.is_cycle_table)
 
 
 def _next(clips: Iterator[Clip]) -> Iterable[Clip]:
@@ -64,13 +64,14 @@ def _constant(value: float, _t_s: float) -> float:
 
 
 def _stroke_clip(stroke: StoredStage, start_rad: float | None, ramp_s: float) -> Clip:
-    sweep_deg = degrees(stroke.speed_rad_s * max(stroke.last_s, 0.0)) + MORE_SWEEP_DEG
+    first_s, last_s = stroke.samples.span_s
+    sweep_deg = degrees(stroke.speed_rad_s * max(last_s, 0.0)) + MORE_SWEEP_DEG
     return Clip(
-        label=f"flap {1e3 * stroke.height_m:.0f} mm, {stroke.speed_rad_s:g} rad/s, repeat {stroke.repeat}",
+        label=stroke.label,
         kind="flap",
         begin_s=0.0,
-        duration_s=stroke.last_s - stroke.first_s,
-        rest_s=-stroke.first_s,
+        duration_s=last_s - first_s,
+        rest_s=-first_s,
         scene=Scene(stroke.height_m, Stroked(stroke.height_m, stroke.speed_rad_s, sweep_deg)),
         load=partial(_loaded, stroke),
         planned_rad=None if start_rad is None else partial(_ramped, start_rad, stroke.speed_rad_s, ramp_s),
@@ -85,12 +86,12 @@ def _ramped(start_rad: float, speed_rad_s: float, ramp_s: float, t_s: float) -> 
 
 
 def _loaded(stage: StoredStage) -> Samples:
-    return samples_of(stage.streams())
+    return samples_of(stage.samples.whole())
 
 
 def _hold_clips(stored: Stored) -> list[Clip]:
     """With the samples behind the means where they were kept, one for each."""
-    whole = [stage for stage in stored.raw if not stage.cut_short]
+    whole = [stage for stage in stored.raw if not stage.cut_short and not stage.is_cycle_table]
     behind = whole if len(whole) == len(stored.static) else [None] * len(stored.static)
     return [_hold_clip(stage, raw) for stage, raw in zip(stored.static, behind, strict=True)]
 
@@ -98,12 +99,13 @@ def _hold_clips(stored: Stored) -> list[Clip]:
 def _hold_clip(stage: StaticStage, raw: StoredStage | None) -> Clip:
     shaft_rad = stage.shaft_angle_rad
     hinges = None if any(isnan(angle) for angle in stage.hinge_deg) else np.array(stage.hinge_deg)
+    first_s, last_s = (0.0, 0.0) if raw is None else raw.samples.span_s
     return Clip(
         label=f"hold {stage.stage} at {degrees(shaft_rad):.1f} deg, {1e3 * stage.height_m:.0f} mm, {stage.direction}",
         kind="hold",
         begin_s=0.0,
-        duration_s=max(HOLD_S, 0.0 if raw is None else raw.last_s - raw.first_s),
-        rest_s=0.0 if raw is None else -raw.first_s,
+        duration_s=max(HOLD_S, last_s - first_s),
+        rest_s=-first_s,
         scene=Scene(stage.height_m, Stroked(stage.height_m, STATIC_SPEED_RAD_S, STATIC_SWEEP_DEG)),
         load=partial(_means, stage) if raw is None else partial(_loaded, raw),
         planned_rad=None if hinges is None else partial(_constant, shaft_rad),
@@ -124,12 +126,13 @@ def _means(stage: StaticStage) -> Samples:
 
 
 def _cut_short(stage: StoredStage) -> Clip:
+    first_s, last_s = stage.samples.span_s
     return Clip(
         label=f"{stage.label}, cut short",
         kind=stage.label.split(" ", 1)[0] if stage.label.startswith(("flap", "hold")) else "move",
         begin_s=0.0,
-        duration_s=stage.last_s - stage.first_s,
-        rest_s=-stage.first_s,
+        duration_s=last_s - first_s,
+        rest_s=-first_s,
         scene=Scene(stage.height_m),
         load=partial(_loaded, stage),
     )

@@ -6,10 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput
 from rfca_rig.export.csv_files import export_csv
 from rfca_rig.progress import unwatched
 from rfca_rig.recording.store import write_recording
+from tests.engine.rigs import nothing, one_condition, recorder_on, twin_rig
 from tests.export.recordings import recording
 
 
@@ -51,3 +53,15 @@ def test_a_folder_that_is_there_is_left_alone(tmp_path):
     (tmp_path / "out").mkdir()
     with pytest.raises(BadInput, match="is there already"):
         export_csv(tmp_path, tmp_path / "out", unwatched)
+
+
+def test_a_run_that_was_never_put_together_is_exported_from_its_stages(tmp_path):
+    with recorder_on(twin_rig(), tmp_path / "run") as (bench, recorder, kept):
+        run_plan(one_condition(twin_rig()), bench, recorder, nothing)
+        kept.finish()
+    export_csv(tmp_path / "run", tmp_path / "whole", unwatched)
+    (tmp_path / "run" / "run.h5").unlink()
+    export_csv(tmp_path / "run", tmp_path / "stages", unwatched)
+    files = sorted(path.relative_to(tmp_path / "whole") for path in (tmp_path / "whole").rglob("*.csv"))
+    assert len(files) > 2
+    assert [(tmp_path / "stages" / file).read_bytes() for file in files] == [(tmp_path / "whole" / file).read_bytes() for file in files]

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rfca_rig.campaign.stored import in_memory, stored_at
 from rfca_rig.clock import TwinClock
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.form import Column, Recording, Stream, Stroke
 from rfca_rig.recording.store import write_recording
 from rfca_rig.view.legs import Legs
 from rfca_rig.view.replay import Replay
-from rfca_rig.view.stored_stages import in_memory, stored_at
 from rfca_rig.view.time_line import PAUSE_S
 from tests.engine.rigs import one_condition, recorder_on, twin_rig
 from tests.recording.growing import grown
@@ -57,7 +57,7 @@ def last(messages, kind):
 def test_played_from_the_beginning_every_peak_is_drawn(small):
     shown = Shown(small)
     got = shown.feed.news() + shown.after(shown.replay.player.duration_s, beats=300)
-    values = np.concatenate([stroke.streams()["table"].columns["fz_N"].values for stroke in small.strokes])
+    values = np.concatenate([stroke.samples.whole()["table"].columns["fz_N"].values for stroke in small.strokes])
     static = [stage.fz_N for stage in small.static]
     assert drawn(got) == pytest.approx((min(values.min(), *static), max(values.max(), *static)), abs=1e-4)
     end = last(got, "state")
@@ -66,7 +66,7 @@ def test_played_from_the_beginning_every_peak_is_drawn(small):
 
 def test_after_a_seek_the_whole_window_comes_anew_as_numpy_finds_it(small):
     shown = Shown(small)
-    clip, stroke = shown.replay.player.clips[2], small.strokes[2].streams()["table"]
+    clip, stroke = shown.replay.player.clips[2], small.strokes[2].samples.whole()["table"]
     shown.seek(clip.end_s)
     got = shown.after(0.04)
     window = traces(got)[0]
@@ -95,7 +95,7 @@ def test_time_goes_as_fast_as_the_page_wants_and_stands_where_it_says(small):
 def test_the_very_last_sample_is_drawn():
     t_s, fz_N = np.array([-0.1, 0.0, 0.0999]), np.array([1.0, 2.0, -77.0])
     stroke = Stroke(0.215, 2.4, 1, {"table": Stream(t_s, {"fz_N": Column(fz_N, "N")})})
-    shown = Shown(in_memory(Recording("short", "IMPORT", {}, {}, (stroke,), ())))
+    shown = Shown(in_memory(SMALL, Recording("short", "IMPORT", {}, {}, (stroke,), ())))
     assert drawn(shown.feed.news() + shown.after(1.0, beats=10))[0] == -77.0
 
 
@@ -140,7 +140,7 @@ def run(tmp_path_factory):
 def test_a_run_is_the_same_from_its_stages_from_its_file_and_from_memory(run):
     unfinished, recording, folder = run
     pictures = []
-    for stored in (unfinished, in_memory(recording), stored_at(folder), stored_at(folder / "run.h5")):
+    for stored in (unfinished, in_memory(SMALL, recording), stored_at(folder), stored_at(folder / "run.h5")):
         shown = Shown(stored)
         shown.seek(1.0)
         got = shown.after(0.04)

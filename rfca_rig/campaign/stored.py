@@ -1,0 +1,124 @@
+"""A recording stage by stage, so that hours of it need no more memory than the part that is looked at."""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from rfca_rig.campaign.opening import RECORDING_NAME, open_recordings
+from rfca_rig.campaign.stored_samples import InFile, InMemory, Samples
+from rfca_rig.protocol.plan import flap_label
+from rfca_rig.recording import run_folder
+from rfca_rig.recording.cycle_table import CYCLES
+from rfca_rig.recording.form import Recording, Source, StaticStage
+from rfca_rig.recording.layout import stage_files
+from rfca_rig.recording.raw_stages import GROUP as RAW
+from rfca_rig.recording.static_table import read_static
+from rfca_rig.recording.store import opened
+from rfca_rig.recording.strokes import GROUP as STROKES
+from rfca_rig.recording.strokes import height_mm
+
+
+@dataclass(frozen=True)
+class StoredStage:
+    """A stroke, or what is behind another stage. `about` says what it was, for people; `speed_rad_s` is a stroke's."""
+
+    label: str
+    about: Mapping[str, Any]
+    height_m: float
+    samples: Samples = field(repr=False)
+    speed_rad_s: float = 0.0
+    cut_short: str = ""
+
+    @property
+    def is_cycle_table(self) -> bool:
+        """Rows that sum up a cycle each, no samples."""
+        return CYCLES in self.samples.names
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A recording whose samples are still where they were. `folder` is where its photos' paths begin."""
+
+    folder: Path
+    title: str
+    source: Source
+    believed: Mapping[str, Any]
+    provenance: Mapping[str, str]
+    static: tuple[StaticStage, ...]
+    strokes: tuple[StoredStage, ...]
+    raw: tuple[StoredStage, ...]
+
+
+def stored_at(path: Path) -> Stored:
+    """What a user may point at: a run's folder, also of one that goes on or was cut short, a recording file, or a campaign.
+
+    Raises BadInput for anything else, and for damaged files.
+    """
+    file = path / RECORDING_NAME if path.is_dir() else path
+    folder = path if path.is_dir() else path.parent
+    if file.is_file() and file.suffix == ".h5":
+        return _in_one_file(folder, file)
+    if path.is_dir() and run_folder.is_run(path):
+        return _in_stage_files(path)
+    return in_memory(folder, open_recordings([path])[0])
+
+
+def in_memory(folder: Path, recording: Recording) -> Stored:
+    """A recording that is read already."""
+    strokes = tuple(_stroke(InMemory(one.streams), one.height_m, one.speed_rad_s, one.repeat) for one in recording.strokes)
+    raw = tuple(_raw(InMemory(one.streams), one.label, one.height_m, one.cut_short) for one in recording.raw)
+    return _stored(folder, recording, recording.static, strokes, raw)
+
+
+def _in_one_file(folder: Path, path: Path) -> Stored:
+    with opened(path) as (file, source):
+        texts = {name: json.loads(file[name][()]) for name in ("believed", "provenance")}
+        title, static = str(file.attrs["title"]), read_static(file)
+        strokes, raw = tuple(_strokes_in(file, path)), tuple(_raw_in(file, path))
+        return Stored(folder, title, source, texts["believed"], texts["provenance"], static, strokes, raw)
+
+
+def _in_stage_files(folder: Path) -> Stored:
+    """Of a run that was not put together yet."""
+    known = run_folder.read_without_samples(folder)
+    strokes: list[StoredStage] = []
+    raw: list[StoredStage] = []
+    for path in stage_files(folder):
+        with opened(path) as (file, _):
+            strokes += _strokes_in(file, path)
+            raw += _raw_in(file, path)
+    return _stored(folder, known, known.static, tuple(strokes), tuple(raw))
+
+
+def _stored(
+    folder: Path, known: Recording, static: tuple[StaticStage, ...], strokes: tuple[StoredStage, ...], raw: tuple[StoredStage, ...]
+) -> Stored:
+    return Stored(folder, known.title, known.source, known.believed, known.provenance, static, strokes, raw)
+
+
+def _strokes_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
+    for name in sorted(file[STROKES], key=int):
+        about = file[STROKES][name].attrs
+        condition = float(about["height_mm"]) / 1e3, float(about["speed_rad_s"]), int(about["repeat"])
+        yield _stroke(InFile.of(path, file, f"{STROKES}/{name}"), *condition)
+
+
+def _raw_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
+    groups = file.get(RAW, {})
+    for name in sorted(groups, key=int):
+        about = groups[name].attrs
+        height_m = float(about["height_mm"]) / 1e3
+        yield _raw(InFile.of(path, file, f"{RAW}/{name}"), str(about["label"]), height_m, str(about["cut_short"]))
+
+
+def _stroke(samples: Samples, height_m: float, speed_rad_s: float, repeat: int) -> StoredStage:
+    about = {"height_mm": height_mm(height_m), "speed_rad_s": speed_rad_s, "repeat": repeat}
+    return StoredStage(flap_label(height_m, speed_rad_s, repeat), about, height_m, samples, speed_rad_s)
+
+
+def _raw(samples: Samples, label: str, height_m: float, cut_short: str) -> StoredStage:
+    return StoredStage(label, {"height_mm": height_mm(height_m), "cut_short": cut_short}, height_m, samples, cut_short=cut_short)

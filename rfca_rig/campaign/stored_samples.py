@@ -1,0 +1,84 @@
+"""The samples of one recorded stage, in memory or still in their file."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import h5py
+
+from rfca_rig.campaign.stored_streams import StoredStream, streams_in_file, streams_in_memory
+from rfca_rig.recording.form import Stream
+from rfca_rig.recording.strokes import TIME, read_streams, streams_in
+
+Streams = Mapping[str, Stream]
+
+
+class Samples(Protocol):
+    """Where a stage's samples are. `names` are those of its streams, `span_s` its first and last time, both 0 where there are none."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+    @property
+    def span_s(self) -> tuple[float, float]: ...
+
+    def whole(self) -> Streams:
+        """All of them, in memory."""
+        ...
+
+    def opened(self) -> AbstractContextManager[tuple[StoredStream, ...]]:
+        """To be taken some at a time."""
+        ...
+
+
+@dataclass(frozen=True)
+class InMemory:
+    """Implements Samples for a stage that is read already."""
+
+    streams: Streams
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.streams)
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        return _span([(float(stream.t_s.min()), float(stream.t_s.max())) for stream in self.streams.values() if len(stream.t_s)])
+
+    def whole(self) -> Streams:
+        return self.streams
+
+    def opened(self) -> AbstractContextManager[tuple[StoredStream, ...]]:
+        return nullcontext(streams_in_memory(self.streams))
+
+
+@dataclass(frozen=True)
+class InFile:
+    """Implements Samples for a group of a file, whose seal was found whole when the file was opened first."""
+
+    path: Path
+    group: str
+    names: tuple[str, ...]
+    span_s: tuple[float, float]
+
+    @classmethod
+    def of(cls, path: Path, file: h5py.File, group: str) -> "InFile":
+        """Raises ValueError where one of its streams is not of the recording's source."""
+        streams = dict(streams_in(file[group], file.attrs["source"]))
+        times = [stream[TIME] for stream in streams.values()]
+        return cls(path, group, tuple(streams), _span([(float(time[0]), float(time[-1])) for time in times if len(time)]))
+
+    def whole(self) -> Streams:
+        with h5py.File(self.path, "r") as file:
+            return read_streams(file[self.group], file.attrs["source"])
+
+    @contextmanager
+    def opened(self) -> Iterator[tuple[StoredStream, ...]]:
+        with h5py.File(self.path, "r") as file:
+            yield streams_in_file(file[self.group], file.attrs["source"])
+
+
+def _span(spans: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    return min((first_s for first_s, _ in spans), default=0.0), max((last_s for _, last_s in spans), default=0.0)

@@ -1,0 +1,83 @@
+"""Samples of a recorded stage where they are, in memory or in a file, to be taken some thousand at a time."""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.recording.columns import ROWS_PER_CHUNK, link
+from rfca_rig.recording.form import Source, Stream
+from rfca_rig.recording.strokes import TIME, streams_in
+
+Rows = NDArray[Any]
+
+
+class Sliceable(Protocol):
+    """A row of numbers in memory, or in a file of which a slice is read."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]: ...
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, rows: slice, /) -> Rows: ...
+
+
+@dataclass(frozen=True)
+class StoredColumn:
+    """Its value in `unit` is raw * conversion + offset."""
+
+    raw: Sliceable
+    unit: str
+    conversion: float
+    offset: float
+
+    @property
+    def is_count(self) -> bool:
+        """A whole number that stands for itself, such as a sequence or a status word."""
+        return self.raw.dtype.kind in "iu" and self.conversion == 1.0 and self.offset == 0.0
+
+    def values(self, rows: slice) -> Rows:
+        """In its unit; a count stays a whole number."""
+        raw = self.raw[rows]
+        return raw.astype(np.int64) if self.is_count else raw.astype(np.float64) * self.conversion + self.offset
+
+
+@dataclass(frozen=True)
+class StoredStream:
+    """Columns that share a time base, which counts from the stage's commanded start."""
+
+    name: str
+    t_s: Sliceable
+    columns: Mapping[str, StoredColumn]
+
+    def blocks(self) -> Iterator[slice]:
+        """All rows, some at a time."""
+        for at in range(0, len(self.t_s), ROWS_PER_CHUNK):
+            yield slice(at, at + ROWS_PER_CHUNK)
+
+
+def streams_in_file(stage: h5py.Group, source: Source) -> tuple[StoredStream, ...]:
+    """Of a stage's group, as long as the file is open. Raises ValueError where one is not of the recording's source."""
+    return tuple(
+        StoredStream(name, group[TIME], {column: _column_in(group[link(column)]) for column in json.loads(group.attrs["order"])})
+        for name, group in streams_in(stage, source)
+    )
+
+
+def _column_in(dataset: h5py.Dataset) -> StoredColumn:
+    attributes = dataset.attrs
+    return StoredColumn(dataset, str(attributes["units"]), float(attributes["conversion"]), float(attributes["offset"]))
+
+
+def streams_in_memory(streams: Mapping[str, Stream]) -> tuple[StoredStream, ...]:
+    return tuple(
+        StoredStream(
+            name, stream.t_s, {key: StoredColumn(one.raw, one.unit, one.conversion, one.offset) for key, one in stream.columns.items()}
+        )
+        for name, stream in streams.items()
+    )
