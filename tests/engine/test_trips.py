@@ -154,6 +154,7 @@ def test_a_bad_status_word_trips(word, code):
     [
         (MotorStatus("idle", "0x40 something", 0.0), Trip.DRIVE_ERROR),
         (MotorStatus("closed loop", None, 0.51), Trip.DRIVE_SILENT),
+        (MotorStatus("closed loop", "no heartbeat for 0.51 s", 0.51), Trip.DRIVE_SILENT),
         (MotorStatus("closed loop", None, 0.0, 80.5), Trip.DRIVE_HOT),
     ],
 )

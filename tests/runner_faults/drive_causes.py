@@ -84,7 +84,7 @@ DRIVE_CAUSES = (
         _order_idle,
     ),
     Cause("e-stop-frame", "drive", "an emergency stop frame on the bus", "D-01", _press_e_stop),
-    catalogued("heartbeat-silent", "drive", "no heartbeat any more, all else goes on", "D-01", within_ms=400),
+    catalogued("heartbeat-silent", "drive", "no heartbeat any more, all else goes on", "D-02", within_ms=610),
     Cause("encoder-silent", "drive", "no encoder estimates any more, heartbeats go on", "F-02", _silence_encoder, within_ms=200),
     Cause(
         "encoder-silent-held",

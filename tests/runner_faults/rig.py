@@ -183,7 +183,11 @@ def _put_together(folder: Path, fidelity: Fidelity, watchdog_s: float | None, ra
         link=link,
         onlooker=onlooker,
         camera=BreakableCamera(Photo(np.zeros((4, 4, 3), np.uint8), 0.0, "black")),
-        motor=OdriveMotor(bus, clock, OdriveSettings(0, gear_ratio=GEAR, encoder_period_s=fidelity.encoder_s)),
+        motor=OdriveMotor(
+            bus,
+            clock,
+            OdriveSettings(0, gear_ratio=GEAR, encoder_period_s=fidelity.encoder_s, heartbeat_timeout_s=short_limits().drive_silent_s),
+        ),
         sensor=sensor,
         keeper=keeper,
         recorder=Recorder(keeper, sensor.scale(), engine_clock),

@@ -7,14 +7,18 @@ from rfca_rig.trip_codes import Trip
 
 
 def check_drive(status: MotorStatus, limits: Limits) -> None:
-    """The drive's error, its state, the age of its last heartbeat, its temperature where it tells one."""
-    if status.fault is not None:
-        raise Tripped(Trip.DRIVE_ERROR, f"drive: {status.fault}")
+    """The age of its last heartbeat, its error and state, its temperature where it tells one.
+
+    A driver that watches over the same limit calls silence a fault, too: silence is told first, because what is known of a silent drive
+    is old.
+    """
     if status.silent_s > limits.drive_silent_s:
         raise Tripped(
             Trip.DRIVE_SILENT,
             f"drive silent for {1e3 * status.silent_s:.0f} ms, limit {1e3 * limits.drive_silent_s:.0f} ms; check bus and power",
         )
+    if status.fault is not None:
+        raise Tripped(Trip.DRIVE_ERROR, f"drive: {status.fault}")
     if status.temperature_C is not None and status.temperature_C > limits.temperature_C:
         raise Tripped(
             Trip.DRIVE_HOT,
