@@ -124,9 +124,10 @@ def flap_condition(condition: Condition, noise_std: Mapping[str, float | None], 
     strokes = [stroke for stroke, _ in good]
     moments = np.array([[p.touchdown_s, p.valley_s, p.lift_off_s] for _, p in good])
     phases = StrokePhases(*(float(m) for m in np.median(moments, axis=0)))
-    edges = _edges(float(strokes[0].channel("fz_N")[0][0]), phases)  # type: ignore[index]
     signals = tuple(s for s in FORCES if all(stroke.channel(s) is not None for stroke in strokes))
-    time = strokes[0].channel("fz_N")[0]  # type: ignore[index]
+    times = [stroke.channel("fz_N")[0] for stroke in strokes]  # type: ignore[index]
+    time = times[0]
+    edges = _edges(float(max(t_s[0] for t_s in times)), float(min(t_s[-1] for t_s in times)), phases)
     inside = (time >= edges[0]) & (time < edges[-1])
     first = np.searchsorted(time[inside], edges[:-1])
     repeats = np.array([np.concatenate([_binned(stroke, s, edges) for s in signals]) for stroke in strokes])
@@ -158,11 +159,11 @@ def _phases(stroke: Stroke) -> StrokePhases | Refused:
     return valley if isinstance(valley, Refused) else phases
 
 
-def _edges(begin_s: float, phases: StrokePhases) -> Floats:
-    """Borders of the bins from the first sample to shortly before the leg lets go."""
+def _edges(begin_s: float, end_s: float, phases: StrokePhases) -> Floats:
+    """Borders of the bins from `begin_s` to `end_s`, or to shortly before the leg lets go."""
     touch = max(phases.touchdown_s - BEFORE_TOUCHDOWN_S, BIN_S)
     loading = phases.touchdown_s + 0.030
-    end = max(phases.valley_s, min(phases.lift_off_s, phases.valley_s + 0.5) - BEFORE_LIFT_OFF_S)
+    end = min(max(phases.valley_s, min(phases.lift_off_s, phases.valley_s + 0.5) - BEFORE_LIFT_OFF_S), end_s)
     pieces = [(begin_s, 0.0, REST_BIN_S), (0.0, touch, BIN_S), (touch, loading, TOUCHDOWN_BIN_S)]
     pieces += [(loading, phases.valley_s, BIN_S), (phases.valley_s, end, BIN_S)]
     edges = [_even(a, b, width) for a, b, width in pieces if b - a > 0.5 * width]
