@@ -84,7 +84,7 @@ class Descent:
         for _ in range(rounds):
             before, here = here, self.descended(self._with_new_slopes(here))
             whitening = self.judge.level(here.linear(self.evidence.rows.measured))
-            if self._misfit(before.x, before.predicted, whitening) - self._misfit(here.x, here.predicted, whitening) < CONVERGED:
+            if self.misfit(before.x, before.predicted, whitening) - self.misfit(here.x, here.predicted, whitening) < CONVERGED:
                 break
         return here
 
@@ -98,12 +98,12 @@ class Descent:
         share = 1.0
         for _ in range(rounds):
             goal = _goal(here.linear(self.evidence.rows.measured), whitening)
-            before = self._misfit(here.x, here.predicted, whitening)
-            if before - self._misfit(goal, here.predicted + here.slope @ (goal - here.x), whitening) < GOOD_ENOUGH:
+            before = self.misfit(here.x, here.predicted, whitening)
+            if before - self.misfit(goal, here.predicted + here.slope @ (goal - here.x), whitening) < GOOD_ENOUGH:
                 return here
             x = here.x + share * (goal - here.x)
             predicted = self.evidence.predicted(here.coordinates.supposed(x))
-            gained = -np.inf if predicted is None else before - self._misfit(x, predicted, whitening)
+            gained = -np.inf if predicted is None else before - self.misfit(x, predicted, whitening)
             if predicted is not None:
                 here = self._learnt(here, x, predicted) if gained <= 0.0 else self._renewed(here, x, predicted)
             if 0.0 < gained < GOOD_ENOUGH:
@@ -121,11 +121,11 @@ class Descent:
         linear = found.linear(self.evidence.rows.measured)
         judgement = self.judge.judged(linear)
         mean, whitening = judgement.posterior.mean, judgement.whitening
-        promised = self._misfit(mean, found.predicted + found.slope @ (mean - found.x), whitening)
-        missing = self._misfit(found.x, found.predicted, whitening) - promised
+        promised = self.misfit(mean, found.predicted + found.slope @ (mean - found.x), whitening)
+        missing = self.misfit(found.x, found.predicted, whitening) - promised
         return replace(judgement, log_evidence=judgement.log_evidence - max(missing, 0.0))
 
-    def _misfit(self, x: Floats, predicted: Floats, whitening: Whitening) -> float:
+    def misfit(self, x: Floats, predicted: Floats, whitening: Whitening) -> float:
         """Minus the log posterior density at x, but for a constant."""
         rest = whitening(self.evidence.rows.measured - predicted)
         return 0.5 * float(rest @ rest + x @ x)

@@ -71,7 +71,7 @@ def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits
     evidence = evidence_of([*body.flaps, *tables])
     effects = _candidates(body)
     leg = searched(evidence, body.coordinates, effects, progress, body.as_commanded)
-    drive = None if body.as_commanded or not body.shafts else _drive(body, leg, progress)
+    drive = None if body.as_commanded or not body.shafts else drive_found(body, leg, progress)
     verdicts = Verdicts(leg, decided(leg, len(effects)), drive, None if drive is None else decided(drive, len(SEEN_ON_THE_SHAFT)))
     progress("summing up", 0.97)
     return replace(summed_up(body, verdicts, effects, limits), recordings=tuple(map(_named, recordings)))
@@ -125,9 +125,13 @@ def _candidates(body: Body) -> list[Effect]:
     return [effect for effect in known if effect.id not in believed and effect.id not in judged_apart]
 
 
-def _drive(body: Body, leg: Found, progress: Progress) -> Found:
-    """The same search for the shaft's own motion, the leg as the best hypothesis has it; both ways in which a soft drive may start."""
-    best = max((leg.nothing, *leg.named), key=lambda hypothesis: hypothesis.log_joint)
+def drive_found(body: Body, leg: Found, progress: Progress) -> Found:
+    """The same search for the shaft's own motion, the leg as the best hypothesis has it; both ways in which a soft drive may start.
+
+    None of those that have a soft drive already, beside which the model has no place for another.
+    """
+    stiff = [h for h in leg.named if all(choice.effect.where != "drive" for choice in h.fitted.coordinates.choices)]
+    best = max((leg.nothing, *stiff), key=lambda hypothesis: hypothesis.log_joint)
     supposed = best.fitted.coordinates.supposed(best.fitted.x)
     evidence = evidence_of(body.shafts)
     effects = [catalogue()[name] for name in SEEN_ON_THE_SHAFT]

@@ -11,6 +11,7 @@ from rfca_rig.diagnosis.conventions import held_anyhow, with_likeliest_moves
 from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.descent import Descent, Fitted
 from rfca_rig.diagnosis.evidence import THREADS, Evidence
+from rfca_rig.diagnosis.handing_over import handed_over
 from rfca_rig.diagnosis.judging import Judge, Judgement, judge_of
 from rfca_rig.diagnosis.scatter import Scatter, scatter_of
 from rfca_rig.diagnosis.screening import Trial, choices_of, projection_of, tried
@@ -130,10 +131,11 @@ def _clearly_better(descent: Descent, base: Fitted, singles: Sequence[Fitted]) -
 def _best_polished(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:
     """The likeliest at its very best point, and those few that come near it; the others stay as they are, far below."""
     ranked = sorted(fits, key=lambda fitted: -_evidence(descent, fitted))
-    best = [_from_belief_too(descent, descent.polished(fitted)) for fitted in ranked[:1]]
+    best = [handed_over(descent, _from_belief_too(descent, descent.polished(fitted))) for fitted in ranked[:1]]
     near = [f for f in ranked[1:POLISHED_BEST] if _evidence(descent, f) > _evidence(descent, best[0]) - FAR_BELOW]
     with ThreadPoolExecutor(THREADS) as pool:
-        return [*best, *pool.map(descent.polished, near), *ranked[1 + len(near) :]]
+        polished = list(pool.map(descent.polished, near))
+    return [*best, *(handed_over(descent, fitted) for fitted in polished), *ranked[1 + len(near) :]]
 
 
 def _from_belief_too(descent: Descent, found: Fitted) -> Fitted:

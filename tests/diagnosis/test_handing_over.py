@@ -1,0 +1,47 @@
+"""A nuisance and an effect that do the same: where a descent ends must not hang on from which side it came."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfca_rig.diagnosis.coordinates import Choice, Coordinates
+from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.handing_over import handed_over
+from rfca_rig.diagnosis.judging import judge_of
+from rfca_rig.diagnosis.nuisances import nuisances_of
+from rfca_rig.model.catalogue import catalogue
+from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
+
+SOFT = replace(RIG, effects=(present("ground_compliance", stiffness_N_per_m1p5=8600.0),))
+
+
+@pytest.fixture(scope="module")
+def descent():
+    evidence = evidence_of(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
+    return Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+
+
+def begun(descent, contact_stiffness, size):
+    """The hypothesis of a soft floor with the contact that far from believed."""
+    space = nuisances_of(RIG, KNOWN_TO | {"contact_stiffness_relative": 0.5}, 0.0)
+    coordinates = Coordinates(space).with_choices((Choice(catalogue()["ground_compliance"]),))
+    x = np.zeros(coordinates.size)
+    x[space.names.index("contact_stiffness")], x[-1] = contact_stiffness, size
+    found = descent.at(coordinates, x)
+    assert found is not None
+    return found
+
+
+def test_a_floor_that_is_soft_does_not_stay_a_contact_far_from_believed(descent):
+    astray = begun(descent, -3.9, -0.46)
+    found = handed_over(descent, astray)
+    assert np.abs(found.x[: found.coordinates.nuisances]).max() < 1.5
+    assert descent.judged(found).log_evidence > descent.judged(descent.polished(astray)).log_evidence + 3.0
+    assert found.coordinates.supposed(found.x).rig.effects[0].values[0][1] == pytest.approx(8600.0, rel=0.1)
+
+
+def test_what_is_not_strained_stays_as_it_is(descent):
+    found = begun(descent, -1.0, -1.2)
+    assert handed_over(descent, found) is found
