@@ -13,6 +13,7 @@ from rfca_rig.cli.options import Json, Pdf, Rig, Runs, Seed
 from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
+    from rfca_rig.cli.closing_the_loop import Loop
     from rfca_rig.diagnosis.result import Diagnosis
     from rfca_rig.protocol.plan import Limits
     from rfca_rig.recording.form import Recording
@@ -66,16 +67,11 @@ def diagnose(
         diagnosis = _diagnosed(open_with_belief(paths), Asked(paths, out, as_json, command))
     else:
         from rfca_rig.cli.closing_the_loop import Loop
-        from rfca_rig.cli.closing_the_loop import close_the_loop as closed
         from rfca_rig.cli.places import find_file
-        from rfca_rig.description.rig_file import read_rig
 
-        loop = Loop(find_file("calibration", rig), rounds, runs, out, seed, quiet=as_json)
-        limits, recordings = read_rig(loop.rig_path).facts().limits, open_with_belief(paths)
         options = {"--rig": rig if rig != "twin" else None, "--rounds": rounds if rounds != 3 else None, "--seed": seed}
         command = typed("diagnose", *paths, "--close-the-loop", options=options)
-        asked = Asked(paths, out, as_json, command, limits)
-        diagnosis = closed(loop, recordings, _diagnosed(recordings, asked), lambda all_of_them: _diagnosed(all_of_them, asked))
+        diagnosis = _in_rounds(paths, Loop(find_file("calibration", rig), rounds, runs, out, seed, quiet=as_json), command)
     if as_json:
         typer.echo((out / "diagnosis.json").read_text(encoding="utf-8"), nl=False)
     else:
@@ -104,6 +100,17 @@ class Asked:
     quiet: bool
     command: str
     limits: "Limits | None" = None
+
+
+def _in_rounds(paths: Sequence[Path], loop: "Loop", command: str) -> "Diagnosis":
+    """The last diagnosis, after the experiments that were proposed."""
+    from rfca_rig.campaign.opening import open_with_belief
+    from rfca_rig.cli.closing_the_loop import close_the_loop
+    from rfca_rig.description.rig_file import read_rig
+
+    recordings = open_with_belief(paths)
+    asked = Asked(paths, loop.out, loop.quiet, command, read_rig(loop.rig_path).facts().limits)
+    return close_the_loop(loop, recordings, _diagnosed(recordings, asked), lambda all_of_them: _diagnosed(all_of_them, asked))
 
 
 def _pendulum(folder: Path, out: Path, quiet: bool, command: str) -> "Diagnosis":

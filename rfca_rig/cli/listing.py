@@ -13,6 +13,21 @@ if TYPE_CHECKING:
 
 SHOWN = 20
 
+Ended = Annotated[
+    str,
+    typer.Option(
+        "--ended",
+        metavar="HOW",
+        help="done, stopped, tripped, worn-out, failed, interrupted, unfinished, damaged; or the code of a trip, such as F-02.",
+    ),
+]
+Verdict = Annotated[
+    str,
+    typer.Option(
+        "--verdict", metavar="WHAT", help="Of its diagnosis: named, unexplained, nothing-missing, not-enough-data, none; or an effect."
+    ),
+]
+
 
 def runs(
     words: Annotated[list[str] | None, typer.Argument(metavar="[WORD]...", help="Words of the title, or of the folder's name.")] = None,
@@ -23,20 +38,8 @@ def runs(
     until: Annotated[str, typer.Option("--until", metavar="DATE", help="Begun then or earlier; a day is meant as a whole.")] = "",
     kind: Annotated[str, typer.Option("--kind", metavar="KIND", help="dynamic, static, fatigue, or imported.")] = "",
     source: Annotated[str, typer.Option("--source", metavar="SOURCE", help="SIM, REAL, or IMPORT.")] = "",
-    ended: Annotated[
-        str,
-        typer.Option(
-            "--ended",
-            metavar="HOW",
-            help="done, stopped, tripped, worn-out, failed, interrupted, unfinished, damaged; or the code of a trip, such as F-02.",
-        ),
-    ] = "",
-    verdict: Annotated[
-        str,
-        typer.Option(
-            "--verdict", metavar="WHAT", help="Of its diagnosis: named, unexplained, nothing-missing, not-enough-data, none; or an effect."
-        ),
-    ] = "",
+    ended: Ended = "",
+    verdict: Verdict = "",
     sample: Annotated[str, typer.Option("--sample", metavar="NAME", help="Part of the specimen's name.")] = "",
     operator: Annotated[str, typer.Option("--operator", metavar="NAME", help="Part of the operator's name.")] = "",
     last: Annotated[
