@@ -16,7 +16,7 @@ from rfca_rig.recording import run_folder
 from rfca_rig.recording.form import Recording, StaticStage
 from rfca_rig.recording.layout import stage_files
 from rfca_rig.recording.outline import outline_of
-from rfca_rig.recording.run_text import events_of, read_ending, read_header
+from rfca_rig.recording.run_text import Ending, events_of, read_ending, read_header
 
 RESUMED = "run resumed"
 TRIP = "TRIP "
@@ -71,7 +71,8 @@ def read_begun(folder: Path) -> Begun:
         raise BadInput(f"{folder}: is done; there is nothing left to resume")
     plan = _plan(folder, header)
     strokes = [stroke for part in found for stroke in part.strokes]
-    static = run_folder.read_without_samples(folder).static
+    ending = read_ending(folder)
+    static = run_folder.as_seen(tuple(stage for part in found for stage in part.static), ending)
     _check_stages(folder, plan, strokes, static)
     return Begun(
         folder=folder,
@@ -81,7 +82,7 @@ def read_begun(folder: Path) -> Begun:
         static=static,
         why=why,
         last_seen=_last_clocks(events),
-        ending=_ending(folder),
+        ending=_kept(ending),
         resumed=sum(event["event"] == RESUMED for event in events),
     )
 
@@ -101,9 +102,8 @@ def _why(events: list[dict[str, Any]]) -> str:
     return (tripped or said or [WITHOUT_A_WORD])[-1]
 
 
-def _ending(folder: Path) -> dict[str, str]:
+def _kept(ending: Ending | None) -> dict[str, str]:
     """What the end said of the part before, photos aside, which are said again."""
-    ending = read_ending(folder)
     return {} if ending is None else {name: text for name, text in ending.provenance.items() if name in ENDING_KEPT}
 
 

@@ -53,7 +53,6 @@ def diagnose(
     from rfca_rig.report.origin import typed
 
     printing, command = Printing(pdf), typed("diagnose", *paths)
-
     if each and pdf:
         raise BadInput("--pdf prints one diagnosis; with --each, print the pages that matter by themselves")
     if each and not close_the_loop:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.covariance import Whitening
 from rfca_rig.diagnosis.descent import Descent, Fitted
 
 Floats = NDArray[np.float64]
@@ -37,16 +38,15 @@ def _begun(descent: Descent, found: Fitted, worst: int) -> Fitted | None:
     """The nuisance as believed, and the effects as large as then fits best; None without an effect, or where the model has no answer."""
     begin = found.x.copy()
     begin[worst] = 0.0
+    whitening = descent.judge.level(found.linear(descent.evidence.rows.measured))
     free = range(found.coordinates.nuisances, len(begin))
-    best = _best_of(descent, found, [_with(begin, place, size) for place in free for size in COARSE])
+    best = _best_of(descent, found, whitening, [_with(begin, place, size) for place in free for size in COARSE])
     if best is not None:
-        best = _best_of(descent, found, [_with(best, place, best[place] + size) for place in free for size in FINE])
+        best = _best_of(descent, found, whitening, [_with(best, place, best[place] + size) for place in free for size in FINE])
     return None if best is None else descent.at(found.coordinates, best)
 
 
-def _best_of(descent: Descent, found: Fitted, places: Sequence[Floats]) -> Floats | None:
-    measured = descent.evidence.rows.measured
-    whitening = descent.judge.level(found.linear(measured))
+def _best_of(descent: Descent, found: Fitted, whitening: Whitening, places: Sequence[Floats]) -> Floats | None:
     predicted = descent.evidence.predicted_all([found.coordinates.supposed(x) for x in places])
     with_answer = [(x, rows) for x, rows in zip(places, predicted, strict=True) if rows is not None]
     best = min(with_answer, key=lambda pair: descent.misfit(pair[0], pair[1], whitening), default=None)

@@ -11,7 +11,7 @@ from rfca_rig.diagnosis.conventions import held_anyhow, with_likeliest_moves
 from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.descent import Descent, Fitted
 from rfca_rig.diagnosis.evidence import THREADS, Evidence
-from rfca_rig.diagnosis.handing_over import handed_over
+from rfca_rig.diagnosis.handing_over import STRAINED, handed_over
 from rfca_rig.diagnosis.judging import Judge, Judgement, judge_of
 from rfca_rig.diagnosis.scatter import Scatter, scatter_of
 from rfca_rig.diagnosis.screening import Trial, choices_of, projection_of, tried
@@ -28,8 +28,7 @@ FAR_BELOW = 100.0  # log evidence: more than polishing brings
 HOPELESS = 500.0  # log evidence behind the best effect, below which no pair is built on one
 STARTS = 2  # places per effect to begin from, where the second promises half of the first
 WORTH_A_FIT = 6.0  # chi2 that an effect must promise to take away, or it cannot pay for its parameters
-GOOD_FIT = 0.011  # a model error below which no further effect is sought,
-STRAINED = 2.5  # unless a nuisance is that many standard deviations from where it is believed
+GOOD_FIT = 0.011  # a model error below which no further effect is sought, unless a nuisance is strained
 BUILT_ON = 2  # effects that pairs are built on
 PARTNERS = 4  # partners refined for each
 DOES_THE_SAME = 0.9  # cosine of an effect and a nuisance

@@ -14,7 +14,7 @@ from rfca_rig.recording.form import Recording, StaticStage
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGE, STAGES, SUMS, WRITING, journals, stage_files
 from rfca_rig.recording.run_file import write_run
 from rfca_rig.recording.run_lock import check_over, lock
-from rfca_rig.recording.run_text import read_ending, read_header, run_provenance, whole_lines, write_header
+from rfca_rig.recording.run_text import Ending, read_ending, read_header, run_provenance, whole_lines, write_header
 from rfca_rig.recording.stage_file import write_stage
 from rfca_rig.recording.static_table import read_static
 from rfca_rig.recording.steps import at_once
@@ -55,8 +55,7 @@ def read_stages(folder: Path) -> Recording:
     """
     ending = read_ending(folder)
     found = merged(read_header(folder), (read_recording(file) for file in stage_files(folder)))
-    static = found.static if ending is None or ending.static is None else ending.static
-    return replace(found, static=static, provenance=run_provenance(folder, found, ending, len(found.strokes)))
+    return replace(found, static=as_seen(found.static, ending), provenance=run_provenance(folder, found, ending, len(found.strokes)))
 
 
 def read_without_samples(folder: Path) -> Recording:
@@ -68,8 +67,12 @@ def read_without_samples(folder: Path) -> Recording:
             strokes += len(file[STROKES])
             static += read_static(file)
     found = replace(read_header(folder), static=tuple(static))
-    seen = found.static if ending is None or ending.static is None else ending.static
-    return replace(found, static=seen, provenance=run_provenance(folder, found, ending, strokes))
+    return replace(found, static=as_seen(found.static, ending), provenance=run_provenance(folder, found, ending, strokes))
+
+
+def as_seen(recorded: tuple[StaticStage, ...], ending: Ending | None) -> tuple[StaticStage, ...]:
+    """The static stages with what their photos showed, where the run's end has read those."""
+    return recorded if ending is None or ending.static is None else ending.static
 
 
 def merged(header: Recording, stages: Iterable[Recording]) -> Recording:
