@@ -1,7 +1,7 @@
 """rfca-rig diagnose"""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -33,6 +33,9 @@ def diagnose(
     each: Annotated[
         bool, typer.Option("--each", help="A diagnosis of each PATH by itself, in a folder of its name; those that are there stay.")
     ] = False,
+    without: Annotated[
+        list[str] | None, typer.Option("--without", metavar="EFFECT", help="An effect that you know is none; may be given again.")
+    ] = None,
     workers: Workers = None,
     cluster: Cluster = None,
     rig: Rig = "twin",
@@ -48,37 +51,47 @@ def diagnose(
     """
     from rfca_rig.campaign.opening import open_with_belief
     from rfca_rig.cli.printing import Printing
+    from rfca_rig.diagnosis.looked_for import check_known
     from rfca_rig.errors import BadInput
-    from rfca_rig.report.diagnosis_files import terminal_lines
     from rfca_rig.report.origin import typed
 
-    printing, command = Printing(pdf), typed("diagnose", *paths)
+    check_known(without or ())
+    known = [word for effect in without or () for word in ("--without", effect)]
+    asked = Asked(paths, out, as_json, typed("diagnose", *paths, *known), tuple(without or ()))
+    printing = Printing(pdf)
     if each and pdf:
         raise BadInput("--pdf prints one diagnosis; with --each, print the pages that matter by themselves")
     if each and not close_the_loop:
-        diagnose_each(paths, out, workers, cluster, as_json)
+        diagnose_each(paths, out, asked.without, workers, cluster, as_json)
         return
     if each or workers or cluster:
         raise BadInput("--workers and --cluster share out what --each makes many of; one diagnosis, or --close-the-loop, stays here")
     if len(paths) == 1 and (paths[0] / "pendulum.toml").is_file():
-        diagnosis = _pendulum(paths[0], out, as_json, command)
+        diagnosis = _pendulum(asked)
     elif not close_the_loop:
-        diagnosis = _diagnosed(open_with_belief(paths), Asked(paths, out, as_json, command))
+        diagnosis = _diagnosed(open_with_belief(paths), asked)
     else:
         from rfca_rig.cli.closing_the_loop import Loop
         from rfca_rig.cli.places import find_file
 
         options = {"--rig": rig if rig != "twin" else None, "--rounds": rounds if rounds != 3 else None, "--seed": seed}
-        command = typed("diagnose", *paths, "--close-the-loop", options=options)
-        diagnosis = _in_rounds(paths, Loop(find_file("calibration", rig), rounds, runs, out, seed, quiet=as_json), command)
+        command = typed("diagnose", *paths, *known, "--close-the-loop", options=options)
+        diagnosis = _in_rounds(Loop(find_file("calibration", rig), rounds, runs, out, seed, as_json), replace(asked, command=command))
+    _say(diagnosis, out, as_json)
+    printing.print([out / "diagnosis.html"], as_json)
+
+
+def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
+    """The answer in the terminal."""
+    from rfca_rig.report.diagnosis_files import terminal_lines
+
     if as_json:
         typer.echo((out / "diagnosis.json").read_text(encoding="utf-8"), nl=False)
-    else:
-        for line in terminal_lines(diagnosis):
-            typer.echo(line)
-        typer.echo(f"{out / 'diagnosis.html'}: the whole answer", err=True)
-        _say_next(diagnosis, out)
-    printing.print([out / "diagnosis.html"], as_json)
+        return
+    for line in terminal_lines(diagnosis):
+        typer.echo(line)
+    typer.echo(f"{out / 'diagnosis.html'}: the whole answer", err=True)
+    _say_next(diagnosis, out)
 
 
 def _say_next(diagnosis: "Diagnosis", out: Path) -> None:
@@ -92,27 +105,30 @@ def _say_next(diagnosis: "Diagnosis", out: Path) -> None:
 
 @dataclass(frozen=True)
 class Asked:
-    """Where the recordings are, where the answer goes, and the command that asks for it; `limits` are those of the rig to go on with."""
+    """Where the recordings are, where the answer goes, the command that asks for it, and the effects that are not looked for; `limits`
+    are those of the rig to go on with.
+    """
 
     paths: Sequence[Path]
     out: Path
     quiet: bool
     command: str
+    without: tuple[str, ...]
     limits: "Limits | None" = None
 
 
-def _in_rounds(paths: Sequence[Path], loop: "Loop", command: str) -> "Diagnosis":
+def _in_rounds(loop: "Loop", asked: Asked) -> "Diagnosis":
     """The last diagnosis, after the experiments that were proposed."""
     from rfca_rig.campaign.opening import open_with_belief
     from rfca_rig.cli.closing_the_loop import close_the_loop
     from rfca_rig.description.rig_file import read_rig
 
-    recordings = open_with_belief(paths)
-    asked = Asked(paths, loop.out, loop.quiet, command, read_rig(loop.rig_path).facts().limits)
-    return close_the_loop(loop, recordings, _diagnosed(recordings, asked), lambda all_of_them: _diagnosed(all_of_them, asked))
+    recordings = open_with_belief(asked.paths)
+    within = replace(asked, limits=read_rig(loop.rig_path).facts().limits)
+    return close_the_loop(loop, recordings, _diagnosed(recordings, within), lambda all_of_them: _diagnosed(all_of_them, within))
 
 
-def _pendulum(folder: Path, out: Path, quiet: bool, command: str) -> "Diagnosis":
+def _pendulum(asked: Asked) -> "Diagnosis":
     """The diagnosis of a driven pendulum without ground; a model file of a leg does not fit it."""
     from rfca_rig.campaign.pendulum import read_pendulum_campaign
     from rfca_rig.cli.progress import progress
@@ -120,9 +136,10 @@ def _pendulum(folder: Path, out: Path, quiet: bool, command: str) -> "Diagnosis"
     from rfca_rig.report.diagnosis_files import write_diagnosis
     from rfca_rig.report.origin import imported
 
-    with progress(quiet) as bars:
-        diagnosis = diagnose_pendulum(read_pendulum_campaign(folder), bars.share)
-    write_diagnosis(diagnosis, out, imported(command, folder, diagnosis.title))
+    (folder,) = asked.paths
+    with progress(asked.quiet) as bars:
+        diagnosis = diagnose_pendulum(read_pendulum_campaign(folder), bars.share, asked.without)
+    write_diagnosis(diagnosis, asked.out, imported(asked.command, folder, diagnosis.title))
     return diagnosis
 
 
@@ -136,7 +153,7 @@ def _diagnosed(recordings: "Sequence[Recording]", asked: Asked) -> "Diagnosis":
     from rfca_rig.report.origin import origin_of
 
     with progress(asked.quiet) as bars:
-        diagnosis = diagnosed(recordings, bars.share, asked.limits)
+        diagnosis = diagnosed(recordings, bars.share, asked.limits, asked.without)
     write_diagnosis(diagnosis, asked.out, origin_of(asked.command, asked.paths, recordings))
     write_model_after(asked.out / "model.toml", diagnosis, recordings[0])
     write_next_protocol(asked.out, diagnosis.next_experiment)

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
+from functools import partial
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
 ANSWER = "diagnosis.json"
 
 
-def diagnose_each(paths: Sequence[Path], out: Path, workers: int | None, cluster: str | None, as_json: bool) -> None:
+def diagnose_each(
+    paths: Sequence[Path], out: Path, without: tuple[str, ...], workers: int | None, cluster: str | None, as_json: bool
+) -> None:
     """A folder for each path under `out`; one that is there already stays. Raises RigError where some could not be diagnosed."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import RigError, Stopped
@@ -28,7 +31,7 @@ def diagnose_each(paths: Sequence[Path], out: Path, workers: int | None, cluster
     sweep_out(out)
     try:
         with progress(quiet=as_json) as bars, asked_crew(workers, cluster, bars.told, out) as crew:
-            failed = _diagnosed(folders, crew, bars.told)
+            failed = _diagnosed(folders, without, crew, bars.told)
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
     see_afresh(out)
@@ -56,7 +59,7 @@ def _folders(paths: Sequence[Path], out: Path) -> dict[str, tuple[Path, Path]]:
     return folders
 
 
-def _diagnosed(folders: dict[str, tuple[Path, Path]], crew: "Crew", told: Told) -> dict[str, str]:
+def _diagnosed(folders: dict[str, tuple[Path, Path]], without: tuple[str, ...], crew: "Crew", told: Told) -> dict[str, str]:
     """Why there is no diagnosis, by name, of those that have none."""
     from rfca_rig.crew.doing import Failed, done
 
@@ -64,7 +67,7 @@ def _diagnosed(folders: dict[str, tuple[Path, Path]], crew: "Crew", told: Told) 
     before = len(folders) - len(to_do)
     failed: dict[str, str] = {}
     told("diagnoses", before, len(folders))
-    for number, ((_, into), result) in enumerate(done(crew, diagnose_quietly, to_do), start=before + 1):
+    for number, ((_, into), result) in enumerate(done(crew, partial(diagnose_quietly, without), to_do), start=before + 1):
         why = result.reason if isinstance(result, Failed) else result
         if why is not None:
             failed[into.name] = why
@@ -72,7 +75,7 @@ def _diagnosed(folders: dict[str, tuple[Path, Path]], crew: "Crew", told: Told) 
     return failed
 
 
-def diagnose_quietly(job: tuple[Path, Path]) -> str | None:
+def diagnose_quietly(without: tuple[str, ...], job: tuple[Path, Path]) -> str | None:
     """One diagnosis, what it prints unheard; the reason where the recordings cannot be used."""
     from rfca_rig.cli.diagnosing import diagnose
     from rfca_rig.errors import RigError
@@ -81,7 +84,7 @@ def diagnose_quietly(job: tuple[Path, Path]) -> str | None:
     recordings, folder = job
     try:
         with whole(folder) as into, redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            diagnose([recordings], into)
+            diagnose([recordings], into, without=list(without))
     except RigError as error:
         return str(error)
     return None

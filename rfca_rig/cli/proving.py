@@ -3,7 +3,7 @@
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +11,9 @@ from rfca_rig.cli import diagnosing
 from rfca_rig.cli.crews import Cluster, Workers, asked_crew
 from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json, Pdf
+
+if TYPE_CHECKING:
+    from rfca_rig.exam.marked import Examined
 
 
 def prove(
@@ -25,6 +28,12 @@ def prove(
     follows: Annotated[
         bool, typer.Option("--follow-up", help="Then do what is proposed in the open cases, and beside it experiments drawn by lot.")
     ] = False,
+    takes_out: Annotated[
+        bool, typer.Option("--take-out-each", help="Then diagnose each effect that shows once more without it in the catalogue.")
+    ] = False,
+    so_far: Annotated[
+        bool, typer.Option("--so-far", help="Mark what is diagnosed already, and do nothing more; the other truths stay sealed.")
+    ] = False,
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
@@ -35,38 +44,68 @@ def prove(
     Example: rfca-rig prove --out exam --seed 1 --cases 40
     """
     from rfca_rig.cli.printing import Printing
+    from rfca_rig.exam.marked import examined, examined_so_far
+    from rfca_rig.report.exam_files import write_exam
+
+    printing = Printing(pdf)
+    if so_far:
+        _refuse_more(follows, takes_out)
+    else:
+        _work(out, seed, _numbers(cases, kind), workers, cluster, follows, takes_out, as_json)
+    result = examined_so_far(out) if so_far else examined(out)
+    write_exam(result, out)
+    _tell(result, out, as_json)
+    printing.print([out / "exam.html"], as_json)
+
+
+def _work(
+    out: Path, seed: int, numbers: dict[str, int], workers: Workers, cluster: Cluster, follows: bool, takes_out: bool, quiet: bool
+) -> None:
+    """All cases; then, where asked, open ones are followed up and each effect is taken out."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.clock import WallClock
     from rfca_rig.errors import Stopped
     from rfca_rig.exam.examine import examine
     from rfca_rig.exam.follow_up import follow_up
-    from rfca_rig.exam.marked import examined
-    from rfca_rig.exam.marking import wording
-    from rfca_rig.report.exam_files import write_exam
+    from rfca_rig.exam.taken_out import take_out_each
 
-    printing = Printing(pdf)
-    numbers = _numbers(cases, kind)
     try:
-        with progress(quiet=as_json) as bars, asked_crew(workers, cluster, bars.told, out) as crew:
+        with progress(quiet=quiet) as bars, asked_crew(workers, cluster, bars.told, out) as crew:
             examine(out, seed, numbers, diagnose_as_typed, crew, WallClock, bars.told)
             if follows:
                 follow_up(out, diagnose_as_typed, crew, bars.told)
+            if takes_out:
+                take_out_each(out, diagnose_without, crew, bars.told)
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
-    result = examined(out)
-    write_exam(result, out)
+
+
+def _refuse_more(follows: bool, takes_out: bool) -> None:
+    from rfca_rig.errors import BadInput
+
+    if follows or takes_out:
+        raise BadInput("--so-far only marks; leave out --follow-up and --take-out-each, or leave out --so-far")
+
+
+def _tell(result: "Examined", out: Path, as_json: bool) -> None:
+    from rfca_rig.exam.marking import wording
+
     if as_json:
         typer.echo((out / "exam.json").read_text(encoding="utf-8"), nl=False)
-    else:
-        print_lines([*wording(result.marks), *(way.words for way in result.ways)])
-        typer.echo(f"{out / 'exam.html'}: the whole result", err=True)
-    printing.print([out / "exam.html"], as_json)
+        return
+    print_lines([*wording(result.marks), *(way.words for way in result.ways), *([result.taken_out.words] if result.taken_out else [])])
+    typer.echo(f"{out / 'exam.html'}: the whole result", err=True)
 
 
-def diagnose_as_typed(campaign: Path, into: Path) -> None:
+def diagnose_as_typed(campaign: Path, into: Path, without: list[str] | None = None) -> None:
     """The command `rfca-rig diagnose` itself, what it prints unheard."""
     with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-        diagnosing.diagnose([campaign], into)
+        diagnosing.diagnose([campaign], into, without=without)
+
+
+def diagnose_without(effect: str, campaign: Path, into: Path) -> None:
+    """The same with `--without` that effect."""
+    diagnose_as_typed(campaign, into, [effect])
 
 
 def _numbers(cases: int | None, kind: str | None) -> dict[str, int]:

@@ -8,9 +8,11 @@ from scipy.special import expit, logsumexp
 
 from rfca_rig.diagnosis.coordinates import Choice, std_of, value_of
 from rfca_rig.diagnosis.detectable import size_parameter, without_effect
-from rfca_rig.diagnosis.gates import gates_of, strain_of
+from rfca_rig.diagnosis.gates import ONE_VALUE, at_usual_error, gates_of, strain_of
+from rfca_rig.diagnosis.judging import GOOD_FIT
+from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED
 from rfca_rig.diagnosis.result import Gate, NamedEffect, Rival, Value, Verdict
-from rfca_rig.diagnosis.search import GOOD_FIT, PRIOR_UNKNOWN, Found, Hypothesis, fits_well
+from rfca_rig.diagnosis.search import PRIOR_UNKNOWN, Found, Hypothesis
 from rfca_rig.model.effect import Effect, Parameter
 from rfca_rig.model.parameters import RigModel
 
@@ -37,7 +39,7 @@ class Decision:
 
 
 def decided(found: Found, candidates: int) -> Decision:
-    """The verdict; `candidates` is how many effects were tried.
+    """The verdict; `candidates` is how many effects were looked for.
 
     Where the likeliest hypothesis fails a gate, the simpler ones inside it are asked: what is surely there keeps its name though a
     partner is refused.
@@ -67,12 +69,10 @@ def _attempt(found: Found, best: Hypothesis, candidates: int, rivals: tuple[Riva
         Gate("told apart", max(map(len, classes)) <= LARGEST_CLASS, f"as good are {max(map(len, classes))} others at most"),
     )
     if nothing <= 0.1 and all(gate.passed for gate in gates):
-        return Decision("named", best, _named(best, classes, probability), gates, rivals, None, nothing)
-    if nothing > 0.1 or not gates[0].passed:
-        adequate = _probability(rivals, UNKNOWN) < 0.5
-    else:
-        adequate = found.nothing.judgement.error < GOOD_FIT and not strain_of(found.nothing)
-    verdict: Verdict = "nothing missing" if adequate else "unexplained"
+        return Decision("named", best, _named(best, classes, probability, gates), gates, rivals, None, nothing)
+    unproven = nothing > 0.1 or not gates[0].passed
+    adequate = _probability(rivals, UNKNOWN) < 0.5 if unproven else found.nothing.judgement.error < GOOD_FIT
+    verdict: Verdict = "nothing missing" if adequate and not strain_of(found.nothing) else "unexplained"
     return Decision(verdict, found.nothing, (), gates, rivals, best, _nothing_or_unknown(found))
 
 
@@ -101,16 +101,22 @@ def _probability(rivals: Sequence[Rival], ids: tuple[str, ...]) -> float:
 def _simplest(found: Found, candidates: int) -> Hypothesis | None:
     """The best hypothesis each of whose members is needed; None where none was fitted.
 
-    A further effect is not needed where the model errs no more than usual without it and no nuisance is strained: what it adds is the
-    law of the first being not quite the real one.
+    A further effect is hardly needed where the model errs no more than usual without it and no nuisance is strained: what it adds may be
+    the law of the first being not quite the real one.
     """
-    needed = 3.0 + float(np.log(candidates))
+    needed = 3.0 + float(np.log(max(candidates, 1)))
     for hypothesis in found.named:
-        parts = [h for h in found.named if set(h.ids) < set(hypothesis.ids)]
-        gain = hypothesis.judgement.log_evidence - max((h.judgement.log_evidence for h in parts), default=-np.inf)
-        if gain >= needed and not any(fits_well(part.judgement, part.fitted.coordinates.nuisances) for part in parts):
+        if all(_adds(found, hypothesis, part, needed) for part in found.named if set(part.ids) < set(hypothesis.ids)):
             return hypothesis
     return None
+
+
+def _adds(found: Found, hypothesis: Hypothesis, part: Hypothesis, needed: float) -> bool:
+    """Whether it says so much more than its part."""
+    enough = hypothesis.judgement.log_evidence - part.judgement.log_evidence >= needed
+    if not enough or not part.judgement.fits_well(part.fitted.coordinates.nuisances):
+        return enough
+    return at_usual_error(found, hypothesis) - at_usual_error(found, part) >= CLEARLY_NEEDED
 
 
 def _class_of(found: Found, best: Hypothesis, number: int) -> tuple[str, ...]:
@@ -130,7 +136,8 @@ def _class_probability(rivals: Sequence[Rival], best: Hypothesis, classes: Seque
     return sum(r.probability for r in rivals if len(r.ids) >= len(best.ids) and all(set(r.ids) & names for names in allowed))
 
 
-def _named(best: Hypothesis, classes: Sequence[tuple[str, ...]], probability: float) -> tuple[NamedEffect, ...]:
+def _named(best: Hypothesis, classes: Sequence[tuple[str, ...]], probability: float, gates: Sequence[Gate]) -> tuple[NamedEffect, ...]:
+    varies = "; ".join(gate.found for gate in gates if gate.name.startswith(ONE_VALUE))
     choices = best.fitted.coordinates.choices
     return tuple(
         NamedEffect(
@@ -139,7 +146,7 @@ def _named(best: Hypothesis, classes: Sequence[tuple[str, ...]], probability: fl
             probability=min(probability, 0.999),
             parameters=values_of(best, number),
             cannot_tell_from=others,
-            wording="one value in all conditions and channels, all gates passed",
+            wording=f"all gates passed; {varies}",
         )
         for number, (choice, others) in enumerate(zip(choices, classes, strict=True))
     )

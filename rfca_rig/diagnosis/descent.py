@@ -43,6 +43,11 @@ class Fitted:
     slope: Floats
     size: Floats
 
+    @property
+    def farthest(self) -> float:
+        """How many prior deviations off the nuisance stands that is farthest from where it is believed."""
+        return float(np.abs(self.x[: self.coordinates.nuisances]).max())
+
     def linear(self, measured: Floats) -> Linear:
         """The hypothesis as a linear model."""
         return Linear(measured - self.predicted + self.slope @ self.x, self.slope)
@@ -124,6 +129,10 @@ class Descent:
         promised = self.misfit(mean, found.predicted + found.slope @ (mean - found.x), whitening)
         missing = self.misfit(found.x, found.predicted, whitening) - promised
         return replace(judgement, log_evidence=judgement.log_evidence - max(missing, 0.0))
+
+    def log_evidence(self, found: Fitted) -> float:
+        """That of the judgement."""
+        return self.judged(found).log_evidence
 
     def misfit(self, x: Floats, predicted: Floats, whitening: Whitening) -> float:
         """Minus the log posterior density at x, but for a constant."""

@@ -1,6 +1,6 @@
 """`diagnose`: recordings in, the whole answer out."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from rfca_rig.diagnosis.conventions import likeliest_moves
 from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.deciding import Decision, decided
 from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.looked_for import looked_for, not_looked_for
 from rfca_rig.diagnosis.nuisances import nuisances_of
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
 from rfca_rig.diagnosis.search import Found, Progress, searched
@@ -60,21 +61,23 @@ class Verdicts:
     drive_decision: Decision | None
 
 
-def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits | None = None) -> Diagnosis:
+def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits | None = None, without: Collection[str] = ()) -> Diagnosis:
     """The diagnosis of recordings that believe the same of one rig.
 
     Raises BadInput where they cannot be used together or at all, SimulationFailed where the model cannot be computed as believed.
-    `progress` is told what is being done and the share that is done. `limits` are those of the rig that the next experiment is for.
+    `progress` is told what is being done and the share that is done. `limits` are those of the rig that the next experiment is for;
+    the effects of the ids in `without` are not looked for.
     """
     progress("reading", 0.0)
     body, tables = _body(recordings)
     evidence = evidence_of([*body.flaps, *tables])
-    effects = _candidates(body)
+    effects, of_drive = looked_for(_candidates(body), without), looked_for(map(catalogue().__getitem__, SEEN_ON_THE_SHAFT), without)
     leg = searched(evidence, body.coordinates, effects, progress, body.as_commanded)
-    drive = None if body.as_commanded or not body.shafts else drive_found(body, leg, progress)
-    verdicts = Verdicts(leg, decided(leg, len(effects)), drive, None if drive is None else decided(drive, len(SEEN_ON_THE_SHAFT)))
+    drive = None if body.as_commanded or not body.shafts else drive_found(body, leg, of_drive, progress)
+    verdicts = Verdicts(leg, decided(leg, len(effects)), drive, None if drive is None else decided(drive, len(of_drive)))
     progress("summing up", 0.97)
-    return replace(summed_up(body, verdicts, effects, limits), recordings=tuple(map(_named, recordings)))
+    found = summed_up(body, verdicts, effects, limits)
+    return replace(found, recordings=tuple(map(_named, recordings)), remarks=(*found.remarks, *not_looked_for(without)))
 
 
 def _named(recording: Recording) -> Diagnosed:
@@ -125,7 +128,7 @@ def _candidates(body: Body) -> list[Effect]:
     return [effect for effect in known if effect.id not in believed and effect.id not in judged_apart]
 
 
-def drive_found(body: Body, leg: Found, progress: Progress) -> Found:
+def drive_found(body: Body, leg: Found, effects: Sequence[Effect], progress: Progress) -> Found:
     """The same search for the shaft's own motion, the leg as the best hypothesis has it; both ways in which a soft drive may start.
 
     None of those that have a soft drive already, beside which the model has no place for another.
@@ -134,7 +137,6 @@ def drive_found(body: Body, leg: Found, progress: Progress) -> Found:
     best = max((leg.nothing, *stiff), key=lambda hypothesis: hypothesis.log_joint)
     supposed = best.fitted.coordinates.supposed(best.fitted.x)
     evidence = evidence_of(body.shafts)
-    effects = [catalogue()[name] for name in SEEN_ON_THE_SHAFT]
     found = []
     for holds_start in (False, True):
         rig = replace(supposed.rig, drive=replace(supposed.rig.drive, holds_start=holds_start))

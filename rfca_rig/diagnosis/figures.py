@@ -84,7 +84,8 @@ def _valley(flap: FlapCondition, supposed: Supposed, commanded: bool) -> Valley 
         turn = replace(turn, start_rad=None)  # a drive at fault leaves its start by itself
     try:
         motion = turn.motion(supposed, float(t_s[-1]))
-        stroke = stroke_following(supposed.rig, flap.height_m + supposed.height_offset_m, motion, t_s)
+        known = t_s <= motion.breaks_s[-1]  # a recorded turn says nothing of the time after it
+        stroke = stroke_following(supposed.rig, flap.height_m + supposed.height_offset_m, motion, t_s[known])
     except SimulationFailed as error:
         return Refused(str(error))
     return find_valley(stroke.t_s, stroke.fz_N)

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.decoys import best_decoy, taken_away
-from rfca_rig.diagnosis.leaving_out import foretold_apart
+from rfca_rig.diagnosis.judging import IMPLAUSIBLE
+from rfca_rig.diagnosis.leaving_out import FORETOLD_TO, rms_left_out
 from rfca_rig.diagnosis.linear import Linear, posterior_of
 from rfca_rig.diagnosis.result import Gate
 from rfca_rig.diagnosis.search import Found, Hypothesis
@@ -15,22 +16,22 @@ Floats = NDArray[np.float64]
 
 FREE_BY = 0.25  # share by which an effect's size may differ between conditions or channels before the data speak
 MOST_VARIATION = 0.125  # beyond, the effect behaves only partly like its law
+APPROXIMATELY = 0.2  # the same where something is missing for sure: a law that is roughly right says more than none
 MOST_IMPROVE = 0.8  # share of conditions that must be foretold better,
 WORTH_NAMING = 0.3  # by this share of the misfit at least: a real model's own small errors look a little like everything;
 WORTH_ADDING = 0.1  # by this share where an effect is named already
-FORETOLD_TO = 1.5  # and to within so many usual model errors
+ONE_VALUE = "one value in all "  # a gate for conditions, one for channels
 AT_A_BOUND = 2.6  # prior deviations of an effect's parameter: a log-uniform one is within 1 % of its end
-STRAINED = 3.5  # prior deviations of a nuisance
 
 
 def gates_of(found: Found, best: Hypothesis, candidates: int) -> tuple[Gate, ...]:
     """All gates for the best hypothesis, passed or not."""
-    signatures = _signatures(found, best)
+    signatures, most = _signatures(found, best), _most_variation(found)
     return (
         _evidence(found, best, candidates),
         _each_needed(found, best, candidates),
-        _invariance(found, best, signatures, "conditions", found.evidence.rows.condition),
-        _invariance(found, best, signatures, "channels", _channels(found)),
+        _invariance("conditions", [_variation(found, best, signature, found.evidence.rows.condition) for signature in signatures], most),
+        _invariance("channels", [_variation(found, best, signature, _channels(found)) for signature in signatures], most),
         _foretold(found, best),
         _no_decoy(found, best),
         _plausible(best),
@@ -41,10 +42,13 @@ def gates_of(found: Found, best: Hypothesis, candidates: int) -> tuple[Gate, ...
 def _evidence(found: Found, best: Hypothesis, candidates: int) -> Gate:
     """A name is worth more than nothing missing, and would be though the model erred by as much as models do."""
     gain = best.judgement.log_evidence - found.nothing.judgement.log_evidence
-    measured, usual = found.evidence.rows.measured, found.judge.usual
-    with_it, without = (posterior_of(h.fitted.linear(measured), usual).log_evidence for h in (best, found.nothing))
-    gain, needed = min(gain, with_it - without), 3.0 + float(np.log(candidates))
+    gain, needed = min(gain, at_usual_error(found, best) - at_usual_error(found, found.nothing)), 3.0 + float(np.log(candidates))
     return Gate("evidence", gain >= needed, f"log evidence {gain:.1f} above that of nothing missing, {needed:.1f} needed")
+
+
+def at_usual_error(found: Found, hypothesis: Hypothesis) -> float:
+    """The log evidence of a hypothesis if the model errs by as much as models do."""
+    return posterior_of(hypothesis.fitted.linear(found.evidence.rows.measured), found.judge.usual).log_evidence
 
 
 def _each_needed(found: Found, best: Hypothesis, candidates: int) -> Gate:
@@ -95,15 +99,18 @@ def _channels(found: Found) -> NDArray[np.intp]:
     return np.unique(signal, return_inverse=True)[1]
 
 
-def _invariance(found: Found, best: Hypothesis, signatures: Sequence[Floats], what: str, group: NDArray[np.intp]) -> Gate:
-    """Whether one size of the effect serves all groups: each group's own size is left free by a quarter, and compared.
+def _most_variation(found: Found) -> float:
+    """Small where nothing missing would do almost as well, and some effect always imitates what is left."""
+    return APPROXIMATELY if float(left_out(found, found.nothing).mean()) > FORETOLD_TO else MOST_VARIATION
+
+
+def _invariance(what: str, varied: Sequence[float], most: float) -> Gate:
+    """Whether one size of each effect serves all groups: each group's own size is left free by a quarter, and compared.
 
     A cause has one value everywhere; what only imitates it does not.
     """
-    name = f"one value in all {what}"
-    varied = [_variation(found, best, signature, group) for signature in signatures]
     worst = max(varied, default=0.0)
-    return Gate(name, worst <= MOST_VARIATION, f"its size varies between {what} by {100.0 * worst:.0f} %")
+    return Gate(f"{ONE_VALUE}{what}", worst <= most, f"its size varies between {what} by {100.0 * worst:.0f} %")
 
 
 def _variation(found: Found, best: Hypothesis, signature: Floats, group: NDArray[np.intp]) -> float:
@@ -147,11 +154,9 @@ def share_by_size(gains: Floats) -> float:
 
 
 def left_out(found: Found, hypothesis: Hypothesis) -> Floats:
-    """Rms of each condition's misfit in units of noise and usual model error, when it is foretold from all others, (conditions,)."""
-    rows, usual = found.evidence.rows, found.judge.usual
-    numbers = range(int(rows.condition.max()) + 1)
-    apart = foretold_apart(hypothesis.fitted.linear(rows.measured), usual, rows.condition, numbers) / np.sqrt(usual.variance())
-    return np.array([np.sqrt(np.mean(apart[rows.condition == number] ** 2)) for number in numbers])
+    """How well a hypothesis foretells each condition, (conditions,), as `rms_left_out` has it."""
+    rows = found.evidence.rows
+    return rms_left_out(hypothesis.fitted.linear(rows.measured), found.judge.usual, rows)
 
 
 def _floor(found: Found) -> float:
@@ -181,7 +186,7 @@ def _relieves(best: Hypothesis, simpler: Hypothesis) -> bool:
 def strain_of(hypothesis: Hypothesis) -> str:
     """The nuisances that had to leave what they are believed to be, in words; empty where none had to."""
     names, mean = hypothesis.fitted.coordinates.space.names, hypothesis.judgement.posterior.mean
-    return "; ".join(f"{name} {z:+.1f} deviations from believed" for name, z in zip(names, mean, strict=False) if abs(z) > STRAINED)
+    return "; ".join(f"{name} {z:+.1f} deviations from believed" for name, z in zip(names, mean, strict=False) if abs(z) > IMPLAUSIBLE)
 
 
 def _remainder(found: Found, best: Hypothesis) -> Gate:

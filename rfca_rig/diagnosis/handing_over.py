@@ -9,41 +9,68 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.covariance import Whitening
 from rfca_rig.diagnosis.descent import Descent, Fitted
+from rfca_rig.diagnosis.judging import STRAINED
 
 Floats = NDArray[np.float64]
 
-STRAINED = 2.5  # deviations from where a nuisance is believed
 COARSE = tuple(np.linspace(-2.0, 2.0, 9))  # sizes of an effect's coordinate,
-FINE = tuple(np.linspace(-0.4, 0.4, 9))  # and steps from the best of them
+FINE = tuple(np.linspace(-0.4, 0.4, 9))  # and steps from the best of them: a stop is at its place to a tenth, or nowhere
 AT_MOST = 2  # nuisances, one after the other
+MAY_GAIN = 50.0  # log evidence that the last steps may bring
+AS_LIKELY = 10.0  # log evidence that a law which is not quite the real one costs or brings along such a ridge
+NEARER = 0.5  # prior deviations
 
 
 def handed_over(descent: Descent, found: Fitted) -> Fitted:
-    """The better of `found` and of where its effects lead when its most strained nuisance begins as believed."""
+    """The better of `found` and of where its effects lead when its most strained nuisance, or all of them, begin as believed."""
     for _ in range(AT_MOST):
-        worst = int(np.argmax(np.abs(found.x[: found.coordinates.nuisances])))
-        begin = _begun(descent, found, worst) if abs(found.x[worst]) > STRAINED else None
-        if begin is None:
+        if found.farthest < STRAINED:
             return found
-        again = descent.polished(descent.descended(begin))
-        if descent.judged(again).log_evidence <= descent.judged(found).log_evidence:
+        x = np.abs(found.x[: found.coordinates.nuisances])
+        again = _led_elsewhere(descent, found, (x == found.farthest, np.ones(len(x), dtype=bool)))
+        if not _is_better(descent, again, found):
             return found
         found = again
     return found
 
 
-def _begun(descent: Descent, found: Fitted, worst: int) -> Fitted | None:
-    """The nuisance as believed, and the effects as large as then fits best; None without an effect, or where the model has no answer."""
-    begin = found.x.copy()
-    begin[worst] = 0.0
+def _is_better(descent: Descent, again: Fitted, found: Fitted) -> bool:
+    """Whether it is likelier; or all but as likely, with the worst nuisance clearly nearer to where it is believed."""
+    gain = descent.log_evidence(again) - descent.log_evidence(found)
+    nearer = again.farthest < found.farthest - NEARER
+    return gain > (-AS_LIKELY if nearer else 0.0)
+
+
+def _led_elsewhere(descent: Descent, found: Fitted, resets: Sequence[NDArray[np.bool_]]) -> Fitted:
+    """Where the effects lead from the better of these beginnings, at its very best point if that can come to what was found."""
+    begun = [begin for reset in resets if (begin := resized(descent, found, reset)) is not None]
+    best = max((descent.descended(begin) for begin in begun), key=descent.log_evidence, default=found)
+    return descent.polished(best) if descent.log_evidence(best) > descent.log_evidence(found) - MAY_GAIN else best
+
+
+def resized(descent: Descent, found: Fitted, reset: NDArray[np.bool_]) -> Fitted | None:
+    """These nuisances as believed, and the effects as large as then fits best; None without an effect, or where the model has no answer."""
+    nuisances = found.coordinates.nuisances
+    begin = np.concatenate([np.where(reset, 0.0, found.x[:nuisances]), found.x[nuisances:]])
     whitening = descent.judge.level(found.linear(descent.evidence.rows.measured))
-    free = range(found.coordinates.nuisances, len(begin))
+    free = _sizes(found.coordinates)
     best = _best_of(descent, found, whitening, [_with(begin, place, size) for place in free for size in COARSE])
     if best is not None:
         best = _best_of(descent, found, whitening, [_with(best, place, best[place] + size) for place in free for size in FINE])
     return None if best is None else descent.at(found.coordinates, best)
+
+
+def _sizes(coordinates: Coordinates) -> list[int]:
+    """Where the parameters of the effects stand, but for how they begin."""
+    return [
+        coordinates.part(number).start + n
+        for number, choice in enumerate(coordinates.choices)
+        for n, parameter in enumerate(choice.free)
+        if parameter not in choice.effect.begins
+    ]
 
 
 def _best_of(descent: Descent, found: Fitted, whitening: Whitening, places: Sequence[Floats]) -> Floats | None:

@@ -15,6 +15,8 @@ Floats = NDArray[np.float64]
 USUAL_ERROR = 0.01  # half-normal size of the error of a model that lacks nothing, as a share of the signal
 NAMED_ERRORS = (0.005, 0.0075, 0.01, 0.015, 0.02, 0.03)  # below the first no real leg and model agree
 UNKNOWN_ERRORS = (0.03, 0.045, 0.07, 0.12, 0.2, 0.35, 0.6)  # log-uniform: something that nobody listed
+GOOD_FIT = 0.011  # a model error that leaves next to nothing to be explained
+STRAINED, IMPLAUSIBLE = 2.5, 3.5  # prior deviations of a nuisance: somebody else may do its work; no value that is believed
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,14 @@ class Judgement:
     error: float
     posterior: Posterior
     whitening: AtError
+
+    def farthest(self, nuisances: int) -> float:
+        """How many deviations off the nuisance is that is farthest from where it is believed."""
+        return float(np.abs(self.posterior.mean[:nuisances]).max())
+
+    def fits_well(self, nuisances: int) -> bool:
+        """Whether the hypothesis leaves no more than a good model does, all nuisances near where they are believed."""
+        return self.error < GOOD_FIT and self.farthest(nuisances) < STRAINED
 
 
 @dataclass(frozen=True)

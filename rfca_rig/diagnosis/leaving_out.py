@@ -12,8 +12,11 @@ from scipy.linalg import cho_factor, cho_solve
 
 from rfca_rig.diagnosis.covariance import AtError
 from rfca_rig.diagnosis.linear import Linear
+from rfca_rig.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
+
+FORETOLD_TO = 1.5  # usual model errors, beyond which what foretells conditions to no better is no explanation
 
 
 def foretold_apart(linear: Linear, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
@@ -21,17 +24,28 @@ def foretold_apart(linear: Linear, whitening: AtError, condition: NDArray[np.int
 
     Rows of other conditions are 0.
     """
-    both = np.column_stack([linear.slope, linear.target])
-    turn = whitening.basis.turn / np.sqrt(1.0 + whitening.s**2 * whitening.basis.strength)[:, None]
-    weighed = turn.T @ (turn @ both)
-    unknowns = linear.slope.shape[1]
-    information = linear.slope.T @ weighed
+    both, unknowns = np.column_stack([linear.slope, linear.target]), linear.slope.shape[1]
+    weighed = whitening.weighed(both)
     apart = np.zeros(len(linear.target))
     for number in left_out:
-        out = np.flatnonzero(condition == number)
-        own = np.ascontiguousarray(turn[:, out])
-        taken = weighed[out, :unknowns].T @ cho_solve(cho_factor(own.T @ own, check_finite=False), weighed[out], check_finite=False)
-        others = information - taken
-        mean = np.linalg.solve(others[:, :unknowns] + np.eye(unknowns), others[:, unknowns])
+        out = condition == number
+        others, _ = products_without(both, weighed, whitening, out)
+        mean = np.linalg.solve(others[:unknowns, :unknowns] + np.eye(unknowns), others[:unknowns, unknowns])
         apart[out] = linear.target[out] - linear.slope[out] @ mean
     return apart
+
+
+def products_without(both: Floats, weighed: Floats, whitening: AtError, out: NDArray[np.bool_]) -> tuple[Floats, float]:
+    """Products (k, k) of columns `both` (m, k) under the covariance of all rows but those `out`, and the log of its determinant; `weighed`
+    are the columns weighed by the inverse covariance of all rows.
+    """
+    own = cho_factor(whitening.precision(out), check_finite=False)
+    taken = weighed[out].T @ cho_solve(own, weighed[out], check_finite=False)
+    return both.T @ weighed - taken, whitening.log_det + 2.0 * float(np.log(np.diag(own[0])).sum())
+
+
+def rms_left_out(linear: Linear, usual: AtError, rows: Rows) -> Floats:
+    """Rms of each condition's misfit in units of noise and usual model error, when it is foretold from all others, (conditions,)."""
+    numbers = range(int(rows.condition.max()) + 1)
+    apart = foretold_apart(linear, usual, rows.condition, numbers) / np.sqrt(usual.variance())
+    return np.array([np.sqrt(np.mean(apart[rows.condition == number] ** 2)) for number in numbers])

@@ -46,9 +46,9 @@ def posteriors_of(linear: Linear, whitenings: Sequence[AtError], loose: Floats |
 
     `loose` (m, k) are further directions in which the data may vary by one standard deviation each.
     """
-    turn = whitenings[0].basis.turn
-    target, slope = turn @ linear.target, turn @ linear.slope
-    directions = None if loose is None or not loose.size else turn @ loose
+    turned = whitenings[0].basis.turned
+    target, slope = turned(linear.target), turned(linear.slope)
+    directions = None if loose is None or not loose.size else turned(loose)
     found = []
     for whitening in whitenings:
         parts = whitening.scaled(target), whitening.scaled(slope), whitening.log_det

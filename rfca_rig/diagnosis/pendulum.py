@@ -1,10 +1,14 @@
 """`diagnose_pendulum`: recordings of a pendulum in, the same kind of answer out as for a leg."""
 
+from collections.abc import Collection
+from dataclasses import replace
+
 from rfca_rig.analysis.swings import SwingProblem, swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.deciding import decided
 from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.looked_for import looked_for, not_looked_for
 from rfca_rig.diagnosis.pendulum_nuisances import space_of_pendulum
 from rfca_rig.diagnosis.pendulum_parts import BIN_S, WINDOW_S, stretches_of
 from rfca_rig.diagnosis.pendulum_summary import summed_up
@@ -17,23 +21,24 @@ OF_PENDULUMS = "pendulum-like rigs"
 ALSO = ("fluid_drag", "hinge_viscous_damping", "gravity_tilt")
 
 
-def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress) -> Diagnosis:
+def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: Collection[str] = ()) -> Diagnosis:
     """The diagnosis of a pendulum's recordings.
 
     Raises BadInput where they are too short, SimulationFailed where the model cannot be computed as believed. `progress` is told what is
-    being done and the share that is done.
+    being done and the share that is done; the effects of the ids in `without` are not looked for.
     """
     progress("reading", 0.0)
     problem = swings_of(campaign, WINDOW_S, BIN_S)
-    found, effects = found_in(problem, progress)
+    found, effects = found_in(problem, progress, without)
     progress("summing up", 0.97)
-    return summed_up(campaign, found, decided(found, len(effects)), effects)
+    diagnosis = summed_up(campaign, found, decided(found, len(effects)), effects)
+    return replace(diagnosis, remarks=(*diagnosis.remarks, *not_looked_for(without)))
 
 
-def found_in(problem: SwingProblem, progress: Progress) -> tuple[Found, list[Effect]]:
+def found_in(problem: SwingProblem, progress: Progress, without: Collection[str] = ()) -> tuple[Found, list[Effect]]:
     """The search over all effects that a pendulum may lack, and those effects."""
+    effects = looked_for(_candidates(problem), without)
     coordinates = Coordinates(space_of_pendulum(problem.pendulum, problem.nuisances))
-    effects = _candidates(problem)
     return searched(evidence_of(stretches_of(problem)), coordinates, effects, progress), effects
 
 

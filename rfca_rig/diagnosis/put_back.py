@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.covariance import Whitening, factored
+from rfca_rig.diagnosis.covariance import factored
 from rfca_rig.diagnosis.descent import STEP, Fitted
 from rfca_rig.diagnosis.evidence import THREADS
 from rfca_rig.diagnosis.forced import forced_stroke
 from rfca_rig.diagnosis.hinge_series import SERIES, series_in
+from rfca_rig.diagnosis.leaving_out import foretold_apart
 from rfca_rig.diagnosis.linear import Linear, posterior_of
 from rfca_rig.diagnosis.places import Place
 from rfca_rig.diagnosis.sparse_law import FoundTerm
@@ -105,18 +106,13 @@ class _Fit:
 
 def _foretold(scene: Scene, linear: Linear, found: Placed) -> float:
     """Share of conditions whose own rows the law, fitted to the others, meets better than nothing missing, fitted likewise."""
-    covariance = found.whitening.covariance()
-    without = Linear(scene.target, scene.slope)
+    numbers, covariance = range(len(scene.conditions)), found.whitening.covariance()
+    law, none = (
+        foretold_apart(model, found.whitening, scene.rows.condition, numbers) for model in (linear, Linear(scene.target, scene.slope))
+    )
     better = []
-    for number in range(len(scene.conditions)):
-        kept = scene.rows.condition != number
-        others, own = factored(covariance[np.ix_(kept, kept)]), factored(covariance[np.ix_(~kept, ~kept)])
-        chi2 = [_miss(model, kept, others, own) for model in (linear, without)]
-        better.append(chi2[0] < chi2[1])
+    for number in numbers:
+        out = np.flatnonzero(scene.rows.condition == number)
+        own = factored(covariance[np.ix_(out, out)])
+        better.append(np.linalg.norm(own(law[out])) < np.linalg.norm(own(none[out])))
     return float(np.mean(better))
-
-
-def _miss(model: Linear, kept: NDArray[np.bool_], others: Whitening, own: Whitening) -> float:
-    mean = posterior_of(model.kept(kept), others).mean
-    rest = own(model.target[~kept] - model.slope[~kept] @ mean)
-    return float(rest @ rest)

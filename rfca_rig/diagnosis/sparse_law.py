@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.covariance import AtError, factored
+from rfca_rig.diagnosis.covariance import AtError
 from rfca_rig.diagnosis.evidence import THREADS
 from rfca_rig.diagnosis.hinge_series import SERIES, series_in
 from rfca_rig.diagnosis.places import CHANNELS, Place, Standing, answer
 from rfca_rig.diagnosis.terms import Term, library_of, signals_of
-from rfca_rig.diagnosis.where import Scene, System, misfit_of, system_of
+from rfca_rig.diagnosis.where import Scene, System, misfit_of, system_of, systems_without_each
 
 Floats = NDArray[np.float64]
 
@@ -64,8 +64,7 @@ def sparse_laws(scene: Scene, places: Sequence[tuple[Place, Sequence[Floats]]]) 
     libraries = [_library(scene, place, blocks) for place, blocks in places]
     found = [SparseLaw()] * len(libraries)
     for whitening in scene.whitenings:
-        votes = _votes(scene, libraries, whitening.covariance())
-        laws = [_law(scene, library, whitening, chosen) for library, chosen in zip(libraries, votes, strict=True)]
+        laws = [_law(scene, library, whitening, _votes(scene, library, whitening)) for library in libraries]
         found = [max(pair, key=lambda law: law.log_evidence) for pair in zip(found, laws, strict=True)]
     return found
 
@@ -100,15 +99,11 @@ def _law(scene: Scene, library: _Library, whitening: AtError, votes: Floats) -> 
     return SparseLaw(terms, gained - len(kept) * float(np.log(len(library.terms))), 1.0 - sum(left.values()) / sum(before.values()))
 
 
-def _votes(scene: Scene, libraries: Sequence[_Library], covariance: Floats) -> list[Floats]:
-    """For each library in which share of the fits without one condition each of its terms is chosen, (k,)."""
-    votes = [np.zeros(len(library.terms)) for library in libraries]
-    count = len(scene.conditions)
-    for left_out in range(count):
-        kept = scene.rows.condition != left_out
-        whitening = factored(covariance[np.ix_(kept, kept)])
-        for library, chosen in zip(libraries, votes, strict=True):
-            chosen[_greedy(system_of(scene, whitening, library.responses, kept), len(library.terms))] += 1.0 / count
+def _votes(scene: Scene, library: _Library, whitening: AtError) -> Floats:
+    """In which share of the fits without one condition each term is chosen, (k,)."""
+    votes = np.zeros(len(library.terms))
+    for system in systems_without_each(scene, whitening, library.responses):
+        votes[_greedy(system, len(library.terms))] += 1.0 / len(scene.conditions)
     return votes
 
 

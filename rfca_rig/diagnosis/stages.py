@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.rows import Label, Rows
-from rfca_rig.model.static_stages import AT_REST, StageMoves, staged_motion
+from rfca_rig.model.chain import Tolerance
+from rfca_rig.model.static_stages import StageMoves, staged_motion
 from rfca_rig.model.stroke import stroke_following
 from rfca_rig.recording.form import StaticStage
 
@@ -26,6 +27,7 @@ IN_MOTION_ONLY = (
     "motor_speed_ripple",
 )  # a settled reading does not show them
 HELD_ANYHOW = 30.0  # of the usual friction: 0.3 of it goes with a model error of 1 %
+CLOSE_ENOUGH = Tolerance(3e-5, 9e-2, 0.04)  # a third less work; what is read changes by some hundredths of what a model usually errs by
 HOLD_S = 0.3  # the slowest swing of the paper's leg has died out
 
 
@@ -63,7 +65,7 @@ class StageTable:
         motion, read_s = staged_motion(leg.start_angle_rad, turned, self.moves)
         settled = tuple(effect for effect in supposed.rig.effects if effect.id not in IN_MOTION_ONLY)
         rig = replace(supposed.rig, swing=None, effects=settled)
-        held = stroke_following(rig, self.height_m + supposed.height_offset_m, motion, read_s, AT_REST)
+        held = stroke_following(rig, self.height_m + supposed.height_offset_m, motion, read_s, CLOSE_ENOUGH)
         hinges = np.degrees(np.diff(held.q_rad, axis=1)).T[: len(self.signals) - 3]
         return np.concatenate([held.fy_N, held.fz_N, held.tx_Nm, *hinges])
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +91,7 @@ class FlapCondition:
     def _binned(self, values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, self.first) / self.counts)
 
-    @property
+    @cached_property
     def counts(self) -> Floats:
         """Samples in each bin, (b,)."""
         return np.diff(np.append(self.first, len(self.t_s))).astype(np.float64)

@@ -1,6 +1,7 @@
 """The shaft's own motion as rows: how far it is from where it was told to be."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +49,7 @@ class ShaftCondition:
     def _binned(self, values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, self.first) / self._counts)
 
-    @property
+    @cached_property
     def _counts(self) -> Floats:
         return np.diff(np.append(self.first, len(self.t_s))).astype(np.float64)
 

@@ -18,6 +18,7 @@ from rfca_rig.diagnosis.covariance import AtError, Whitening
 from rfca_rig.diagnosis.descent import Fitted
 from rfca_rig.diagnosis.evidence import Evidence
 from rfca_rig.diagnosis.judging import Judge, judge_of
+from rfca_rig.diagnosis.leaving_out import products_without
 from rfca_rig.diagnosis.places import Place, Standing, places_of, standings
 from rfca_rig.diagnosis.rows import Rows
 
@@ -179,11 +180,22 @@ class System:
         return mean[:p], root @ mean[p:], root @ covariance[p:, p:] @ root.T
 
 
-def system_of(scene: Scene, whitening: Whitening, response: Floats, kept: NDArray[np.bool_] | slice = slice(None)) -> System:
-    """The system of a response (m, k) in the rows `kept`, which are those that `whitening` is for."""
-    both, target = whitening(np.hstack([scene.slope, response])[kept]), whitening(scene.target[kept])
+def system_of(scene: Scene, whitening: Whitening, response: Floats) -> System:
+    """The system of a response (m, k)."""
+    both, target = whitening(np.hstack([scene.slope, response])), whitening(scene.target)
     constant = -0.5 * (float(target @ target) + whitening.log_det)
     return System(both.T @ both, both.T @ target, constant, scene.slope.shape[1])
+
+
+def systems_without_each(scene: Scene, whitening: AtError, response: Floats) -> list[System]:
+    """The systems of the same response, each without the rows of one condition."""
+    both = np.column_stack([scene.slope, response, scene.target])
+    weighed = whitening.weighed(both)
+    found = []
+    for number in range(len(scene.conditions)):
+        products, log_det = products_without(both, weighed, whitening, scene.rows.condition == number)
+        found.append(System(products[:-1, :-1], products[:-1, -1], -0.5 * (float(products[-1, -1]) + log_det), scene.slope.shape[1]))
+    return found
 
 
 def _roots(conditions: Sequence[Standing]) -> list[Floats]:

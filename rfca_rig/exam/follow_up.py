@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.crew.doing import Failed, done
 from rfca_rig.crew.form import Crew
 from rfca_rig.crew.told import Told, silent
-from rfca_rig.errors import BadInput, RigError, SimulationFailed
+from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.exam.campaign_of import add_experiment
 from rfca_rig.exam.cases import POOR_DATA, Case, drawn_cases
 from rfca_rig.exam.examine import DIAGNOSES, Diagnose
@@ -29,6 +28,7 @@ from rfca_rig.exam.plan import read_plan
 from rfca_rig.exam.said import NAMED, NOTHING, read_said
 from rfca_rig.exam.score import DETECTABLE
 from rfca_rig.exam.sealing import open_all
+from rfca_rig.exam.working_off import worked_off
 from rfca_rig.exam.write import CAMPAIGNS
 from rfca_rig.recording.atomic import write_atomically
 
@@ -62,14 +62,12 @@ def follow_up(folder: Path, diagnose: Diagnose, crew: Crew, told: Told = silent)
     cases = {case.id: case for case in drawn_cases(plan.seed, plan.numbers) if case.kind == POOR_DATA}
     truths = {truth["case"]: truth_in(truth) for truth in open_all(folder) if truth["case"] in cases}
     jobs = [(case, truths[id_], arm) for id_, case in cases.items() for arm in ARMS]
-    failed: dict[str, Failed] = {}
-    for number, ((case, _, _), result) in enumerate(done(crew, partial(followed, folder.resolve(), diagnose), jobs), start=1):
-        if isinstance(result, Failed):
-            failed[case.id] = result
-        told("open cases followed", number, len(jobs))
-    if failed:
-        first, why = min(failed.items())
-        raise RigError(f"{len(failed)} open cases could not be followed, as {first} with {why.reason}; the same command tries them again")
+    worked_off(crew, partial(followed, folder.resolve(), diagnose), jobs, _case_and_arm, "open cases followed", told)
+
+
+def _case_and_arm(job: tuple[Case, Truth, str]) -> str:
+    case, _, arm = job
+    return f"{case.id} ({arm})"
 
 
 def followed(folder: Path, diagnose: Diagnose, job: tuple[Case, Truth, str]) -> FollowUp:

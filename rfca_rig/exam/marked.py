@@ -1,10 +1,11 @@
 """A finished exam: its marks, and each case with what is in it, what was said and what came of it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rfca_rig.errors import BadInput
 from rfca_rig.exam.claims import parameter_errors
 from rfca_rig.exam.examine import DIAGNOSES, SECONDS
 from rfca_rig.exam.follow_up import Way, ways
@@ -14,6 +15,7 @@ from rfca_rig.exam.plan import Plan, read_plan
 from rfca_rig.exam.said import Said, read_said
 from rfca_rig.exam.score import Marks, gap_closed, score
 from rfca_rig.exam.sealing import open_all
+from rfca_rig.exam.taken_out import TakenOut, taken_out
 
 
 @dataclass(frozen=True)
@@ -53,21 +55,43 @@ class MarkedCase:
 
 @dataclass(frozen=True)
 class Examined:
-    """The whole exam; `ways` tells what follow-ups of open cases came to, where they were done."""
+    """The whole exam; `ways` tells what follow-ups of open cases came to, `taken_out` what was said of effects that the catalogue did not
+    hold, where that was done.
+    """
 
     plan: Plan
     marks: Marks
     cases: tuple[MarkedCase, ...]
     ways: tuple[Way, ...] = ()
+    taken_out: TakenOut | None = None
+
+    @property
+    def words(self) -> str:
+        """As in "seed 1, 500 cases"."""
+        planned = sum(self.plan.numbers.values())
+        return self.plan.words if len(self.cases) == planned else f"{self.plan.words}, {len(self.cases)} of them so far"
 
 
-def examined(folder: Path, diagnoses: Path | None = None) -> Examined:
+def examined(folder: Path) -> Examined:
     """Opens the truths of the exam in `folder` and marks it. Raises BadInput where it is not whole."""
-    answers = diagnoses or folder / DIAGNOSES
-    truths = open_all(folder)
+    return Examined(read_plan(folder), *_marks_of(folder, open_all(folder)), ways(folder), taken_out(folder))
+
+
+def examined_so_far(folder: Path) -> Examined:
+    """The marks of what is diagnosed already; all other truths stay sealed. Raises BadInput where nothing is diagnosed yet."""
+    plan, answers = read_plan(folder), folder / DIAGNOSES
+    answered = {path.name for path in answers.iterdir() if path.is_dir()} if answers.is_dir() else set()
+    truths = open_all(folder, answered)
+    if not truths:
+        raise BadInput(f"{folder}: nothing is diagnosed yet; leave out --so-far to go on with it")
+    return Examined(plan, *_marks_of(folder, truths))
+
+
+def _marks_of(folder: Path, truths: Sequence[Mapping[str, Any]]) -> tuple[Marks, tuple[MarkedCase, ...]]:
+    answers = folder / DIAGNOSES
     said = {truth["case"]: read_said(answers / truth["case"] / DIAGNOSIS) for truth in truths}
     marked = tuple(_marked(truth, said[truth["case"]], answers / truth["case"] / SECONDS) for truth in truths)
-    return Examined(read_plan(folder), score(truths, said), marked, ways(folder))
+    return score(truths, said), marked
 
 
 def _marked(truth: Mapping[str, Any], said: Said, seconds: Path) -> MarkedCase:

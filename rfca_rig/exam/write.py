@@ -2,12 +2,10 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
-from rfca_rig.crew.doing import Failed, done
 from rfca_rig.crew.form import Crew
 from rfca_rig.crew.local import crew as crew_here
 from rfca_rig.crew.told import Told, silent
@@ -17,9 +15,8 @@ from rfca_rig.exam.cases import KINDS, Case, drawn_cases, shared_out
 from rfca_rig.exam.plan import Plan, begin
 from rfca_rig.exam.sealing import complete, is_sealed, seal_all, unwritten
 from rfca_rig.exam.truth import truth_of
+from rfca_rig.exam.working_off import worked_off
 from rfca_rig.recording.whole import sweep_out, whole
-
-Result = TypeVar("Result")
 
 CAMPAIGNS = "campaigns"
 
@@ -43,7 +40,8 @@ def write_all(folder: Path, plan: Plan, crew: Crew, told: Told = silent) -> list
     campaigns = folder / CAMPAIGNS
     sweep_out(campaigns)
     to_write = [case for case in cases if not (campaigns / case.id).is_dir()]
-    _work_off(crew, partial(_write_whole, campaigns.resolve()), to_write, "campaigns written", told, len(cases))
+    before = len(cases) - len(to_write)
+    worked_off(crew, partial(_write_whole, campaigns.resolve()), to_write, _id, "campaigns written", told, before)
     return [campaigns / case.id for case in cases]
 
 
@@ -52,25 +50,12 @@ def _seal(cases: Sequence[Case], folder: Path, crew: Crew, told: Told) -> None:
     sealed = is_sealed(folder)
     missing = set(unwritten(folder)) if sealed else {case.id for case in cases}
     to_seal = [case for case in cases if case.id in missing]
-    truths = _work_off(crew, truth_of, to_seal, "truths sealed", told, len(cases))
+    truths = worked_off(crew, truth_of, to_seal, _id, "truths sealed", told, len(cases) - len(to_seal))
     (complete if sealed else seal_all)([truths[case.id] for case in to_seal], folder)
 
 
-def _work_off(crew: Crew, work: Callable[[Case], Result], cases: Sequence[Case], what: str, told: Told, of: int) -> dict[str, Result]:
-    """The results by case. Raises RigError where there is none of some."""
-    results: dict[str, Result] = {}
-    failed: dict[str, Failed] = {}
-    told(what, of - len(cases), of)
-    for case, result in done(crew, work, cases):
-        if isinstance(result, Failed):
-            failed[case.id] = result
-        else:
-            results[case.id] = result
-        told(what, of - len(cases) + len(results), of)
-    if failed:
-        first, why = min(failed.items())
-        raise RigError(f"{what}: all but {len(failed)} of {of}, as {first} not with {why.reason}; the same command tries them again")
-    return results
+def _id(case: Case) -> str:
+    return case.id
 
 
 def _write_whole(campaigns: Path, case: Case) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,20 +44,19 @@ class Steps:
 def chain_of(rig: RigModel, height_m: float) -> Chain:
     """The chain of `rig` with its shaft `height_m` above the ground."""
     leg, ground = rig.leg, rig.ground
-    length, mass = np.array(leg.link_lengths_m), np.array(leg.link_masses_kg)
-    reach = np.tril(np.broadcast_to(length, (length.size, length.size)), -1) + np.diag(length / 2.0)
+    length, first_moment, moment = (array.copy() for array in _inertia(leg.link_lengths_m, leg.link_masses_kg))
     return Chain(
         length=length,
-        first_moment=mass @ reach,
+        first_moment=first_moment,
         k0=np.full(length.size, leg.k0_Nm_per_rad),
         k2=np.full(length.size, leg.k2_per_rad2),
         hinge_damping=np.full(length.size, leg.hinge_damping_Nm_s_per_rad),
-        moment=np.einsum("k,ki,kj->ij", mass, reach, reach) + np.diag(mass * length**2 / 12.0),
+        moment=moment,
         radius=leg.link_radius_m,
         lever=rig.friction_lever_m,
         gravity=GRAVITY_M_S2,
         gravity_along=0.0,
-        total_mass=float(mass.sum()),
+        total_mass=float(sum(leg.link_masses_kg)),
         ground_depth=height_m,
         floor_cos=1.0,
         floor_sin=0.0,
@@ -69,6 +69,15 @@ def chain_of(rig: RigModel, height_m: float) -> Chain:
         frame_stiffness=0.0,
         frame_damping=0.0,
     )
+
+
+@lru_cache(maxsize=64)
+def _inertia(lengths_m: tuple[float, ...], masses_kg: tuple[float, ...]) -> tuple[Floats, Floats, Floats]:
+    """Lengths, first moments (n,) and moments (n, n) of a leg, which one fit asks for again and again."""
+    length, mass = np.array(lengths_m), np.array(masses_kg)
+    reach = np.tril(np.broadcast_to(length, (length.size, length.size)), -1) + np.diag(length / 2.0)
+    moment = np.einsum("k,ki,kj->ij", mass, reach, reach) + np.diag(mass * length**2 / 12.0)
+    return length, mass @ reach, moment
 
 
 def laws_of(uses: Sequence[LawUse]) -> Laws:

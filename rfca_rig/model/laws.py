@@ -109,3 +109,10 @@ class LawUse:
     parameters: tuple[float, ...]
     advance: Law | None = None
     only: int = -1
+
+
+def compile_law(use: LawUse) -> None:
+    """Compiles what has not been compiled yet. Raises NumbaError where that cannot be done."""
+    address_of(use.law, use.place)
+    if use.advance:
+        address_of_advance(use.advance)

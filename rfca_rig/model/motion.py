@@ -24,7 +24,7 @@ class ShaftMotion:
 
     def angle_rad(self, t_s: Floats) -> Floats:
         """Angle at the times `t_s`, of the same shape."""
-        i = np.clip(np.searchsorted(self.breaks_s, t_s) - 1, 0, len(self.coefficients) - 1)
+        i = np.minimum(np.maximum(np.searchsorted(self.breaks_s, t_s) - 1, 0), len(self.coefficients) - 1)
         x = t_s - self.breaks_s[i]
         c = self.coefficients[i].T
         return np.asarray(c[0] + x * (c[1] + x * (c[2] + x * c[3])))

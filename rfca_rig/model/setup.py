@@ -12,7 +12,7 @@ from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.chain import at_rest, chain_of, laws_of, set_swinging
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.forces import measure
-from rfca_rig.model.laws import LawUse
+from rfca_rig.model.laws import LawUse, compile_law
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.stage import room_to_work
@@ -109,7 +109,7 @@ def check(use: LawUse) -> None:
     if len(use.parameters) > PARAMETERS_AT_MOST:
         raise BadInput(f"{code.co_filename}: {code.co_name} has {len(use.parameters)} parameters, a law takes {PARAMETERS_AT_MOST} at most")
     try:
-        laws_of([use])
+        compile_law(use)
     except NumbaError as error:
         reason = " ".join(str(error).split())
         raise BadInput(f"{code.co_filename}: {code.co_name} or what it calls cannot be compiled: {reason[:300]}") from error

@@ -9,9 +9,10 @@ from rfca_rig import __version__
 from rfca_rig.exam.bars import bars
 from rfca_rig.exam.marked import Examined, MarkedCase
 from rfca_rig.exam.score import Marks, Share
+from rfca_rig.exam.taken_out import TakenOut
 from rfca_rig.report.diagnosis_json import plain
 from rfca_rig.report.exam_page import page
-from rfca_rig.report.exam_tables import bars_table, confusion_table, ways_table
+from rfca_rig.report.exam_tables import bars_table, confusion_table, taken_out_table, ways_table
 from rfca_rig.report.files import table_files, write_all
 from rfca_rig.report.origin import version_text
 from rfca_rig.report.table import Column, Row, Table
@@ -23,7 +24,8 @@ HEADER = ("case", "kind", "truth", "verdict", "named", "probability", "outcome",
 
 def write_exam(exam: Examined, out: Path) -> None:
     """All files into `out`, which is there. Raises RigError where the disk refuses."""
-    tables = (bars_table(bars(exam.marks)), ways_table(exam.ways), confusion_table(exam.cases))
+    taken_out = (taken_out_table(exam.taken_out),) if exam.taken_out else ()
+    tables = (bars_table(bars(exam.marks)), ways_table(exam.ways), *taken_out, confusion_table(exam.cases))
     contents = {"exam.json": as_json(exam), "exam.csv": as_csv(exam), **table_files(tables)}
     write_all(out, {"exam.html": page(exam, tuple(contents), version_text()), **contents})
 
@@ -51,6 +53,7 @@ def as_json(exam: Examined) -> str:
         "bars": [asdict(bar) | {"passed": bar.passed} for bar in bars(exam.marks)],
         "marks": _marks(exam.marks),
         "follow_ups": [asdict(way) for way in exam.ways],
+        "taken_out": _mark_all(exam.taken_out),
         "cases": [asdict(case) for case in exam.cases],
     }
     return json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -60,6 +63,10 @@ def _marks(marks: Marks) -> dict[str, Any]:
     said = {field.name: _mark(getattr(marks, field.name)) for field in fields(marks)}
     confused = [{"truth": true, "named": called, "count": count} for (true, called), count in sorted(marks.confusion.items())]
     return said | {"confusion": confused}
+
+
+def _mark_all(found: TakenOut | None) -> dict[str, Any] | None:
+    return None if found is None else {field.name: _mark(getattr(found, field.name)) for field in fields(found)}
 
 
 def _mark(value: object) -> object:

@@ -15,7 +15,7 @@ from rfca_rig.exam.score import DETECTABLE, Marks, Share
 from rfca_rig.exam.worst import LISTED
 from rfca_rig.report import exam_pictures
 from rfca_rig.report.exam_matrix import matrix_of
-from rfca_rig.report.exam_tables import ways_table
+from rfca_rig.report.exam_tables import taken_out_table, ways_table
 from rfca_rig.report.origin import Origin, typed
 from rfca_rig.report.templates import template
 from rfca_rig.report.wording import NO_BREAK, NOTHING, counted, number
@@ -40,13 +40,14 @@ def page(exam: Examined, files: Sequence[str] = (), version: str = __version__) 
         sheets=("verdict.css", "exam.css"),
         origin=Origin(_command(exam), (), version, "of the same cases"),
         files=files,
-        of=f"Blind exam of the diagnosis: {exam.plan.words}, rfca-rig {__version__}",
+        of=f"Blind exam of the diagnosis: {exam.words}, rfca-rig {__version__}",
         sentence=_sentence(marks, len(exam.cases)),
         passed=sum(bar.passed is True for bar in judged),
         judged=len(judged),
         bars=[_bar(bar) for bar in all_bars],
         detectable=f"{DETECTABLE:g}",
         ways=ways_table(exam.ways),
+        taken_out=taken_out_table(exam.taken_out) if exam.taken_out else None,
         outcomes=_outcomes(marks),
         meanings=MEANINGS,
         matrix=matrix_of(exam.cases),
@@ -158,4 +159,4 @@ def _command(exam: Examined) -> str:
     numbers = {kind: number for kind, number in exam.plan.numbers.items() if number}
     only = next(iter(numbers)) if len(numbers) == 1 else None
     options = {"--out": "exam", "--seed": exam.plan.seed, "--cases": sum(numbers.values()), "--kind": only}
-    return typed("prove", options={**options, "--follow-up": bool(exam.ways)})
+    return typed("prove", options={**options, "--follow-up": bool(exam.ways), "--take-out-each": exam.taken_out is not None})

@@ -6,6 +6,7 @@ from math import isfinite
 from rfca_rig.exam.bars import Bar
 from rfca_rig.exam.follow_up import Way
 from rfca_rig.exam.marked import MarkedCase
+from rfca_rig.exam.taken_out import Named, TakenOut
 from rfca_rig.report.exam_matrix import matrix_of
 from rfca_rig.report.table import Column, Row, Table, Value
 
@@ -42,6 +43,18 @@ def ways_table(ways: Sequence[Way]) -> Table:
         "beside it, within four experiments; four are counted where it was not."
     )
     return Table("next-experiments", caption, columns, rows)
+
+
+def taken_out_table(found: TakenOut) -> Table:
+    """The effects that were called something else when they were not in the catalogue."""
+    columns = (Column("concealed", "Concealed"), Column("named", "Named"), Column("probability", "Probability", digits=3))
+    caption = f"{found.words[0].upper()}{found.words[1:]}."
+    return Table("taken-out", caption, columns, tuple(Row(_named_instead(each)) for each in found.named))
+
+
+def _named_instead(each: Named) -> dict[str, Value]:
+    named = " and ".join(each.named)
+    return {"concealed": each.effect.replace("_", " "), "named": named.replace("_", " "), "probability": each.probability}
 
 
 def confusion_table(marked: Sequence[MarkedCase]) -> Table:

@@ -68,6 +68,9 @@ def test_a_stopped_exam_leaves_nobody_behind_and_goes_on_where_it_stood(monkeypa
     assert all_gone(workers)
     kept = [*(out / "sealed").iterdir(), out / "seals.txt", *out.glob("campaigns/*/campaign.toml"), *out.glob("diagnoses/case-0001/*")]
     before = {path: path.stat().st_mtime_ns for path in kept}
+    said = prove(monkeypatch, capsys, out, "--so-far")
+    assert said.exit_code == 0 and "poor data: wrong names" in said.out and "0 of 1" in said.out
+    assert "3 cases of the kind" in (out / "exam.html").read_text() and "1 of them so far" in (out / "exam.html").read_text()
     monkeypatch.setattr(proving, "diagnose_as_typed", wants_more_data)
     said = prove(monkeypatch, capsys, out, *EXAM)
     assert said.exit_code == 0
@@ -98,6 +101,11 @@ def test_a_folder_in_use_and_an_unknown_kind_are_refused(monkeypatch, capsys, tm
     assert (said.exit_code, len(said.err.splitlines())) == (2, 1) and "is not empty" in said.err
     said = prove(monkeypatch, capsys, tmp_path / "new", "--kind", "odd")
     assert (said.exit_code, len(said.err.splitlines())) == (2, 1) and "'odd' is unknown; there are 'nothing missing'" in said.err
+    assert not (tmp_path / "new").exists()
+    said = prove(monkeypatch, capsys, tmp_path / "new", "--so-far", "--take-out-each")
+    assert (said.exit_code, len(said.err.splitlines())) == (2, 1) and "--so-far only marks" in said.err
+    said = prove(monkeypatch, capsys, tmp_path / "new", "--so-far")
+    assert (said.exit_code, len(said.err.splitlines())) == (2, 1) and "plan.json" in said.err
     assert not (tmp_path / "new").exists()
 
 

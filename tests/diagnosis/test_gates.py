@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.diagnosis.coordinates import Choice
 from rfca_rig.diagnosis.decoys import best_decoy, taken_away
 from rfca_rig.diagnosis.descent import Descent
-from rfca_rig.diagnosis.gates import share_by_size
+from rfca_rig.diagnosis.gates import APPROXIMATELY, MOST_VARIATION, _most_variation, share_by_size
 from rfca_rig.diagnosis.screening import Trial
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded
@@ -61,3 +61,9 @@ def test_what_only_slopes_promise_does_not_count(played):
     assert worse is not None
     linear = worse.linear(played.evidence.rows.measured)
     assert played.judge.judged(linear).log_evidence > descent.judged(worse).log_evidence + 20.0
+
+
+def test_an_approximate_law_is_enough_only_where_something_is_missing_for_sure(played):
+    assert _most_variation(played) == APPROXIMATELY
+    believed = replace(played, nothing=replace(played.nothing, fitted=played.named[0].fitted))
+    assert _most_variation(believed) == MOST_VARIATION < APPROXIMATELY

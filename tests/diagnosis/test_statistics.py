@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from rfca_rig.diagnosis.covariance import AtError, basis_of, discrepancy, factored
-from rfca_rig.diagnosis.leaving_out import foretold_apart
+from rfca_rig.diagnosis.leaving_out import foretold_apart, products_without
 from rfca_rig.diagnosis.linear import Linear, posterior_of, posteriors_of
 from rfca_rig.diagnosis.rows import Label, Rows, stacked
 
@@ -28,6 +28,64 @@ def small_rows(seed=0, bins=12, conditions=2):
         for i in range(conditions)
     ]
     return stacked(parts)
+
+
+def mixed_rows(seed=6, stages=5):
+    """Two strokes of two signals, and a static table of the same signals, up and down."""
+    random = np.random.default_rng(seed)
+    parts = [signals_of(random, "dynamic", f"{i}", 10, ["loading"] * 10) for i in range(2)]
+    return stacked([*parts, signals_of(random, "static", "200 mm", 2 * stages, ["loading"] * stages + ["unloading"] * stages)])
+
+
+def signals_of(random, experiment, condition, each, phase):
+    count = 2 * each
+    return Rows(
+        measured=random.normal(size=count),
+        noise=random.uniform(0.05, 0.2, count),
+        scale=random.uniform(1.0, 3.0, count),
+        jolt=random.uniform(0.0, 0.5, count),
+        progress=np.tile(np.linspace(0.0, 1.0, each), 2),
+        t_s=np.tile(np.linspace(0.0, 1.0, each), 2),
+        phase=np.tile(phase, 2),
+        label=np.repeat([0, 1], each),
+        condition=np.zeros(count, dtype=np.intp),
+        labels=tuple(Label(experiment, condition, signal) for signal in ("fy_N", "fz_N")),
+    )
+
+
+def entry_by_entry(rows):
+    """The discrepancy's covariance, spelt out for every two rows."""
+    count = len(rows.measured)
+    found = np.zeros((count, count))
+    for i in range(count):
+        for j in range(count):
+            static = rows.experiment[i] == "static"
+            if rows.signal[i] != rows.signal[j] or rows.experiment[i] != rows.experiment[j] or (static and rows.phase[i] != rows.phase[j]):
+                continue
+            apart = (rows.progress[i] - rows.progress[j]) / (1.0 if static else 0.06)
+            alike = np.exp(-0.5 * apart**2) * (1.0 if rows.condition[i] == rows.condition[j] else 0.5)
+            found[i, j] = rows.scale[i] * rows.scale[j] * alike + (i == j) * (1e-3 * rows.scale[i] ** 2 + rows.jolt[i] ** 2)
+    return found
+
+
+def test_signals_err_apart_and_static_stages_apart_in_each_direction():
+    rows = mixed_rows()
+    assert np.allclose(discrepancy(rows), entry_by_entry(rows))
+
+
+def test_block_by_block_the_covariance_is_that_of_all_rows():
+    rows, s = mixed_rows(), 0.05
+    random = np.random.default_rng(8)
+    scatter, values = random.normal(size=(len(rows.measured), 3)), random.normal(size=(len(rows.measured), 2))
+    covariance = np.diag(rows.noise**2) + scatter @ scatter.T + s**2 * entry_by_entry(rows)
+    whitening, precision = AtError(basis_of(rows, scatter), s), np.linalg.inv(covariance)
+    assert np.allclose(whitening.covariance(), covariance)
+    assert np.allclose(whitening.variance(), np.diag(covariance))
+    assert whitening.log_det == pytest.approx(np.linalg.slogdet(covariance)[1])
+    assert np.allclose(whitening(values).T @ whitening(values), values.T @ precision @ values)
+    assert np.allclose(whitening.weighed(values), precision @ values)
+    some = rows.condition == 1
+    assert np.allclose(whitening.precision(some), precision[np.ix_(some, some)])
 
 
 def dense(rows, scatter, s):
@@ -99,3 +157,13 @@ def test_a_condition_is_foretold_as_by_a_fit_to_the_others_alone():
         out = rows.condition == number
         mean = posterior_of(linear.kept(~out), factored(covariance[np.ix_(~out, ~out)])).mean
         assert apart[out] == pytest.approx(linear.target[out] - linear.slope[out] @ mean, abs=1e-9)
+
+
+def test_products_without_some_rows_are_those_of_the_others_alone():
+    rows, random = mixed_rows(), np.random.default_rng(9)
+    whitening = AtError(basis_of(rows, random.normal(size=(len(rows.measured), 2))), 0.03)
+    columns, out = random.normal(size=(len(rows.measured), 3)), rows.condition == 1
+    kept = whitening.covariance()[np.ix_(~out, ~out)]
+    products, log_det = products_without(columns, whitening.weighed(columns), whitening, out)
+    assert np.allclose(products, columns[~out].T @ np.linalg.solve(kept, columns[~out]))
+    assert log_det == pytest.approx(np.linalg.slogdet(kept)[1])

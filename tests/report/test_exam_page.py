@@ -11,6 +11,8 @@ from rfca_rig.exam.cases import shared_out
 from rfca_rig.exam.marked import MarkedCase, examined
 from rfca_rig.exam.outcome import OUTCOMES
 from rfca_rig.exam.plan import Plan
+from rfca_rig.exam.score import Share
+from rfca_rig.exam.taken_out import Named, TakenOut
 from rfca_rig.report.exam_files import HEADER, as_json, write_exam
 from rfca_rig.report.exam_matrix import MatrixCell, matrix_of
 from rfca_rig.report.exam_page import page, share_text
@@ -119,3 +121,18 @@ def test_shares_in_words():
     words = [share_text(each) for each in (0.0, 0.05, 0.124, 1.0)]
     assert words == ["0\u00a0%", "5\u00a0%", "12.4\u00a0%", "100\u00a0%"]
     assert (share_text(0.8, trimmed=False), share_text(float("nan"))) == ("80.0\u00a0%", "\u2013")
+
+
+def test_effects_that_were_taken_out_are_told_with_what_they_were_called(exam, shown, tmp_path):
+    assert "its catalogue does not hold" not in shown and json.loads(as_json(exam))["taken_out"] is None
+    called = Named("case-0007", "tip_mass", ("height_offset",), 0.95)
+    asked = replace(exam, taken_out=TakenOut(Share(1, 20), Share(17, 20), Share(2, 20), (called,)))
+    text = " ".join(Outline(page(asked)).text.replace("\u00a0", " ").split())
+    assert "Each entry taken out of the catalogue: 1 of 20 given a wrong name at 90 % or more, 17 told as unexplained, 2 as nothing" in text
+    assert "tip mass" in text and "height offset" in text and "--take-out-each" in text
+    none = replace(exam, taken_out=TakenOut(Share(0, 20), Share(18, 20), Share(2, 20), ()))
+    assert "0 of 20 given a wrong name" in Outline(page(none)).text
+    write_exam(asked, tmp_path)
+    (line,) = csv.DictReader((tmp_path / "taken-out.csv").open())
+    assert line == {"concealed": "tip mass", "named": "height offset", "probability": "0.95"}
+    assert json.loads(as_json(asked))["taken_out"]["confident_wrong"]["hits"] == 1

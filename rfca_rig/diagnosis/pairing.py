@@ -1,0 +1,93 @@
+"""Pairs of effects that build on the best ones, and their parts fitted again from where they stand."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rfca_rig.diagnosis.descent import Descent, Fitted
+from rfca_rig.diagnosis.refining import WORTH_A_FIT, refined, worth_trying
+from rfca_rig.diagnosis.screening import Trial, tried
+from rfca_rig.diagnosis.second_look import explains
+
+BUILT_ON = 2  # effects that pairs are built on
+HOPELESS = 500.0  # log evidence behind the best effect, below which no pair is built on one
+PARTNERS = 4  # partners refined for each
+CLEARLY_NEEDED = 80.0  # log evidence at the usual model error that a second effect must add to one that fits well: less, and it may be
+# the law of the first that is not quite the real one
+
+
+def paired(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Sequence[Trial]) -> list[Fitted]:
+    """Partners for the best effects, screened by what they would do to a leg that has the first one already.
+
+    Where nothing is missing none is sought, and none beside the second best effect once a pair explains everything; beside an effect that
+    fits well only what promises much more than its law could be wrong by.
+    """
+    ranked = sorted(singles, key=descent.log_evidence, reverse=True)
+    if not ranked or descent.judged(base).fits_well(base.coordinates.nuisances):
+        return []
+    found: dict[frozenset[str], Fitted] = {}
+    for single in _built_on(descent, ranked):
+        own = ids_of(single)
+        others = {(t.choice.effect.id, t.choice.whole): t.choice for t in trials if t.choice.effect.id not in own}
+        looks = tried(descent.evidence, single, list(others.values()))
+        groups = worth_trying(descent, single, looks, PARTNERS, _least(descent, single))
+        new = {frozenset((*own, group[0].choice.effect.id)): group for group in reversed(groups)}
+        pairs = refined(descent, single, [group for ids, group in new.items() if ids not in found])
+        found |= {frozenset(ids_of(pair)): pair for pair in pairs}
+        if pairs and explains(descent, max(pairs, key=descent.log_evidence)):
+            break
+    return list(found.values())
+
+
+def _built_on(descent: Descent, ranked: Sequence[Fitted]) -> list[Fitted]:
+    """The best, alone where it fits well, and those that it does not leave hopelessly behind."""
+    best = descent.judged(ranked[0])
+    many = 1 if best.fits_well(ranked[0].coordinates.nuisances) else BUILT_ON
+    return [single for single in ranked[:many] if descent.log_evidence(single) >= best.log_evidence - HOPELESS]
+
+
+def _least(descent: Descent, single: Fitted) -> float:
+    """The chi2 that a partner must promise to take away."""
+    return 2.0 * CLEARLY_NEEDED if descent.judged(single).fits_well(single.coordinates.nuisances) else WORTH_A_FIT
+
+
+def no_worse_than_nested(descent: Descent, base: Fitted, singles: Sequence[Fitted], pairs: Sequence[Fitted]) -> list[Fitted]:
+    """A pair must not win because its parts were fitted badly: each part of a pair that would explain everything is fitted again from
+    where the pair stands, and from where the base does.
+    """
+    best = max((*singles, *pairs), key=descent.log_evidence, default=base)
+    if len(best.coordinates.choices) < 2 or not explains(descent, best):
+        return list(singles)
+    kept = {fitted.coordinates.choices: fitted for fitted in singles}
+    for part in (part for number in range(2) if (part := _part_again(descent, base, best, number)) is not None):
+        before = kept.get(part.coordinates.choices)
+        if before is None or descent.log_evidence(part) > descent.log_evidence(before):
+            kept[part.coordinates.choices] = part
+    return list(kept.values())
+
+
+def _part_again(descent: Descent, base: Fitted, pair: Fitted, number: int) -> Fitted | None:
+    """The pair less one of its effects, at its very best point."""
+    begun = [begin for begin in (without(descent, pair, number), _beside(descent, base, pair, number)) if begin is not None]
+    return max((descent.polished(descent.descended(begin)) for begin in begun), key=descent.log_evidence, default=None)
+
+
+def _beside(descent: Descent, base: Fitted, pair: Fitted, number: int) -> Fitted | None:
+    """The base with what the pair has but for one of its effects."""
+    coordinates = pair.coordinates
+    own = np.concatenate([pair.x[coordinates.part(i)] for i in range(len(coordinates.choices)) if i != number])
+    kept = [choice for i, choice in enumerate(coordinates.choices) if i != number]
+    return descent.at(coordinates.with_choices(kept), np.concatenate([base.x, own]))
+
+
+def without(descent: Descent, fitted: Fitted, number: int) -> Fitted | None:
+    """The fit less one of its effects, all else where it stands; None where the model has no answer."""
+    coordinates = fitted.coordinates
+    kept = [choice for i, choice in enumerate(coordinates.choices) if i != number]
+    drop = np.arange(coordinates.size)[coordinates.part(number)]
+    return descent.at(coordinates.with_choices(kept), np.delete(fitted.x, drop), np.delete(fitted.slope, drop, axis=1))
+
+
+def ids_of(fitted: Fitted) -> tuple[str, ...]:
+    """The names of its effects."""
+    return tuple(choice.effect.id for choice in fitted.coordinates.choices)

@@ -1,0 +1,57 @@
+"""Steps of the search over hypotheses, each from a standing that is set by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfca_rig.diagnosis.coordinates import Choice, Coordinates
+from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.judging import judge_of
+from rfca_rig.diagnosis.nuisances import nuisances_of
+from rfca_rig.diagnosis.scatter import Scatter
+from rfca_rig.diagnosis.screening import tried
+from rfca_rig.diagnosis.search import CLEARLY_BETTER, _beside_what_lacks_nothing, _Standing
+from rfca_rig.model.catalogue import catalogue
+from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
+
+CONDITIONS = [(205.0, 2.433), (215.0, 2.8), (220.0, 3.249)]
+HEAVY = present("tip_mass", mass_g=50.0)
+
+
+def standing_of(effects, astray):
+    """The best fit of a heavier tip to a leg with these effects, and beside it nothing missing left where no descent took it."""
+    flaps = flaps_of(recorded(replace(RIG, effects=effects), CONDITIONS, with_shaft=False))
+    evidence = evidence_of(flaps)
+    descent = Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+    coordinates = Coordinates(nuisances_of(RIG, KNOWN_TO, 0.0))
+    believed = descent.at(coordinates, np.zeros(coordinates.size))
+    trials = tried(evidence, believed, [Choice(catalogue()["tip_mass"])])
+    wider = coordinates.with_choices([trials[0].choice])
+    single = descent.polished(descent.descended(descent.at(wider, np.concatenate([believed.x, trials[0].z]), believed.slope)))
+    base = descent.at(coordinates, believed.x + astray)
+    return _Standing(descent, Scatter({}, np.empty((len(evidence.rows.measured), 0))), base, (single,)), trials
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return standing_of((), 2.0)
+
+
+def test_a_name_does_not_lead_because_nothing_missing_was_left_astray(plain):
+    standing, trials = plain
+    descent = standing.descent
+    assert descent.log_evidence(standing.singles[0]) > descent.log_evidence(standing.base) + 100.0
+    found = _beside_what_lacks_nothing(standing, trials)
+    assert descent.log_evidence(found.base) > descent.log_evidence(standing.singles[0]) - CLEARLY_BETTER
+
+
+def test_what_is_missing_leads_still():
+    standing, trials = standing_of((HEAVY,), 2.0)
+    found = _beside_what_lacks_nothing(standing, trials)
+    descent = standing.descent
+    best = max(found.singles, key=descent.log_evidence)
+    assert descent.log_evidence(best) > descent.log_evidence(found.base) + CLEARLY_BETTER
+    (mass,) = [e.values[0][1] for e in best.coordinates.supposed(best.x).rig.effects]
+    assert mass == pytest.approx(50.0, rel=0.1)
