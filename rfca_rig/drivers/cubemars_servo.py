@@ -12,13 +12,13 @@ from rfca_rig.drivers.cubemars_last_word import ServoLastWord
 from rfca_rig.drivers.cubemars_servo_reports import ServoReports
 from rfca_rig.drivers.cubemars_settings import ServoSettings
 from rfca_rig.drivers.guard import LET_GO, Guard, arm, prove_guard
+from rfca_rig.drivers.report_period import LOOK_REPORTS, period_fault
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import DeviceError
 
 __all__ = ["CubemarsServoMotor", "ServoSettings"]
 
 POLL_S = 2e-3
-RATE_CHECK_FRAMES = 20
 GENTLY_RAD_S = 0.3  # at most, while the drive is energised: a position counter that is off shows by motion
 GENTLY_RAD_S2 = 10.0
 HELD_S = 0.4
@@ -63,23 +63,23 @@ class CubemarsServoMotor:
     def _await_status(self) -> None:
         self._reports.drain()
         self._reports.samples()  # what has dammed up while nobody looked has holes, and is handed to nobody
+        set_s = self._settings.status_period_s
+        seen_s = period_fault(self._watched_period_s, set_s)
+        if seen_s is not None:
+            raise DeviceError(
+                f"drive not enabled: status frames come every {1e3 * seen_s:.2g} ms, the settings say "
+                f"{1e3 * set_s:g} ms; set the drive's upload rate or status_period_s"
+            )
+
+    def _watched_period_s(self) -> float:
         self._reports.recount()
         started_s, timeout_s = self._clock.now_s(), self._settings.enable_timeout_s
-        rate_s = RATE_CHECK_FRAMES * self._settings.status_period_s
-        while self._reports.missing() is not None or self._clock.now_s() - started_s < rate_s:
-            if self._clock.now_s() - started_s > max(timeout_s, rate_s):
+        look_s = LOOK_REPORTS * self._settings.status_period_s
+        while self._reports.missing() is not None or self._clock.now_s() - started_s < look_s:
+            if self._clock.now_s() - started_s > max(timeout_s, look_s):
                 raise DeviceError(f"drive not enabled: within {timeout_s:g} s {self._reports.missing()}")
             self._wait_and_drain()
-        self._check_rate(self._clock.now_s() - started_s)
-
-    def _check_rate(self, elapsed_s: float) -> None:
-        """A wrong period would stretch the time base of the whole recording."""
-        period_s = elapsed_s / self._reports.heard
-        if not 0.5 < period_s / self._settings.status_period_s < 2.0:
-            raise DeviceError(
-                f"drive not enabled: status frames come every {1e3 * period_s:.2g} ms, the settings say "
-                f"{1e3 * self._settings.status_period_s:g} ms; set the drive's upload rate or status_period_s"
-            )
+        return (self._clock.now_s() - started_s) / self._reports.heard
 
     def _hold_gently(self, position_deg: float, angle_rad: float) -> None:
         erpm = abs(self._settings.erpm_s_per_rad)

@@ -11,6 +11,7 @@ from rfca_rig.codecs.odrive_messages import AxisState, Command, ControlMode, Dia
 from rfca_rig.drivers.can_frames import send, send_stop
 from rfca_rig.drivers.odrive_reports import GUARDED, OdriveReports
 from rfca_rig.drivers.odrive_scale import OdriveSettings
+from rfca_rig.drivers.report_period import LOOK_REPORTS, period_fault
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import DeviceError
 
@@ -18,8 +19,6 @@ __all__ = ["OdriveMotor", "OdriveSettings"]
 
 POLL_S = 2e-3
 PART_ERROR_S = 0.05
-RATE_CHECK_FRAMES = 20
-RATE_CHECKS = 3  # frames that were held up somewhere come all at once
 WATCHDOG_EXPIRED = {Dialect.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, Dialect.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
 ERROR_TEXT = {Dialect.V0_5: odrive_older_meanings.error_text, Dialect.V0_6: odrive_meanings.error_text}
 
@@ -70,34 +69,24 @@ class OdriveMotor:
         """Waits for every message the driver lives on, and for enough encoder frames to see their rate."""
         self._reports.drain()
         self._reports.samples()  # what has dammed up while nobody looked has holes, and is handed to nobody
-        period_s = self._watched_period_s()
-        for _ in range(RATE_CHECKS - 1):
-            if self._is_as_set(period_s):
-                return
-            period_s = self._watched_period_s()
-        self._check_rate(period_s)
+        set_s = self._settings.encoder_period_s
+        seen_s = period_fault(self._watched_period_s, set_s)
+        if seen_s is not None:
+            raise DeviceError(
+                f"drive not enabled: encoder estimates come every {1e3 * seen_s:.2g} ms, the settings say "
+                f"{1e3 * set_s:g} ms; set the drive's encoder_msg_rate_ms or encoder_period_s"
+            )
 
     def _watched_period_s(self) -> float:
-        """Of the encoder's frames, over as many as are due while all that is needed has come."""
+        """Of the encoder's frames, while all that is needed has come."""
         self._reports.recount()
-        started_s = self._clock.now_s()
-        rate_s = RATE_CHECK_FRAMES * self._settings.encoder_period_s
-        while self._reports.missing() is not None or self._clock.now_s() - started_s < rate_s:
-            if self._clock.now_s() - started_s > max(self._settings.enable_timeout_s, rate_s):
-                raise DeviceError(f"drive not enabled: within {self._settings.enable_timeout_s:g} s {self._reports.missing()}")
+        started_s, timeout_s = self._clock.now_s(), self._settings.enable_timeout_s
+        look_s = LOOK_REPORTS * self._settings.encoder_period_s
+        while self._reports.missing() is not None or self._clock.now_s() - started_s < look_s:
+            if self._clock.now_s() - started_s > max(timeout_s, look_s):
+                raise DeviceError(f"drive not enabled: within {timeout_s:g} s {self._reports.missing()}")
             self._wait_and_drain()
         return (self._clock.now_s() - started_s) / self._reports.encoder_frames
-
-    def _is_as_set(self, period_s: float) -> bool:
-        return 0.5 < period_s / self._settings.encoder_period_s < 2.0
-
-    def _check_rate(self, period_s: float) -> None:
-        """A wrong period would stretch the time base of the whole recording."""
-        if not self._is_as_set(period_s):
-            raise DeviceError(
-                f"drive not enabled: encoder estimates come every {1e3 * period_s:.2g} ms, the settings say "
-                f"{1e3 * self._settings.encoder_period_s:g} ms; set the drive's encoder_msg_rate_ms or encoder_period_s"
-            )
 
     def _check_dialect(self) -> None:
         """Firmware 0.6 tells its version when asked, 0.5 says nothing; a heartbeat read in the wrong dialect would lie."""

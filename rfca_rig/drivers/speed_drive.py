@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from functools import partial
 from math import isfinite
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
@@ -10,6 +11,7 @@ import can
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.can_frames import send, send_stop
 from rfca_rig.drivers.drive_report import GUARDED, DriveReports, Report
+from rfca_rig.drivers.report_period import LOOK_REPORTS, period_fault
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.drivers.shaft_gear import ShaftGear
 from rfca_rig.errors import DeviceError
@@ -22,8 +24,6 @@ FILES = ("file", "twin_file")
 POLL_S = 2e-3
 ENABLE_S = 1.0
 ANSWER_S = 0.05
-PERIOD_REPORTS = 20
-PERIOD_CHECKS = 3  # reports that were held up somewhere come all at once
 
 
 class DriveKeys(Protocol):
@@ -135,9 +135,7 @@ class SpeedDrive(ABC, Generic[Keys]):
         """A wrong one would stretch the time base of the whole recording."""
         if self._period_s is None:
             return
-        periods_s = (self._watched_period_s(self._period_s) for _ in range(PERIOD_CHECKS))
-        seen_s = next((seen_s for seen_s in periods_s if 0.5 < seen_s / self._period_s < 2.0), None)
-        if seen_s is None:
+        if period_fault(partial(self._watched_period_s, self._period_s), self._period_s) is not None:
             raise DeviceError(
                 f"drive not enabled: it does not report every {1e3 * self._period_s:g} ms; set report_period_ms to what the drive "
                 "is set to, or the drive"
@@ -146,7 +144,7 @@ class SpeedDrive(ABC, Generic[Keys]):
     def _watched_period_s(self, period_s: float) -> float:
         self._reports.recount()
         began_s = self._clock.now_s()
-        while self._clock.now_s() - began_s < PERIOD_REPORTS * period_s:
+        while self._clock.now_s() - began_s < LOOK_REPORTS * period_s:
             self._wait_and_drain()
         return (self._clock.now_s() - began_s) / max(self._reports.heard, 1)
 

@@ -125,6 +125,16 @@ def test_a_status_period_other_than_configured_is_refused_with_both(true_ms: int
         r.motor.enable()
 
 
+@pytest.mark.parametrize("held_up_s", [0.0, 0.03, 0.1])
+def test_status_frames_that_are_held_up_for_a_moment_do_not_refuse_a_drive(held_up_s: float) -> None:
+    with rig() as r:
+        r.clock.carry(lambda now_s: drained(r.wire) if now_s < held_up_s else None)
+        r.motor.enable()
+        began_rad = r.rotor.angle_rad
+        r.run(0.5, speed_rad_s=1.0)
+        assert r.rotor.angle_rad - began_rad == pytest.approx(0.5, abs=0.1)
+
+
 def test_a_wrong_id_is_explained_with_the_ids_that_are_there() -> None:
     with rig(drive_id=104) as r, pytest.raises(DeviceError, match="status frames of drive 104 but none of drive 1; check drive_id"):
         r.motor.enable()
