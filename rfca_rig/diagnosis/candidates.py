@@ -16,7 +16,7 @@ from rfca_rig.diagnosis.evidence import Part
 from rfca_rig.diagnosis.next_protocol import RETURN_RAD_S, SWEEP_RAD, protocol_of
 from rfca_rig.diagnosis.room import Room, load_of
 from rfca_rig.diagnosis.stages import stage_tables
-from rfca_rig.diagnosis.strokes import FORCES, FlapCondition, Turn, flap_condition
+from rfca_rig.diagnosis.strokes import BOUNDED, FORCES, FlapCondition, Turn, flap_condition
 from rfca_rig.diagnosis.turns import SIGNAL, ShaftCondition, shaft_condition
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.model.stroke import stroke_following
@@ -116,7 +116,8 @@ class FlapCandidate:
         swing = supposed.rig.swing
         begin_s = -BEFORE_S if swing is None else -min(BEFORE_S, swing.before_s)
         t_s = np.arange(begin_s, end_s, SAMPLE_S)
-        found = stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, self._turn.motion(supposed, float(t_s[-1])), t_s)
+        motion = self._turn.motion(supposed, float(t_s[-1]))
+        found = stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, motion, t_s, BOUNDED)
         if not self.room.allows(load_of(found)):
             return None
         columns = {name: Column(getattr(found, name), "") for name in (*FORCES, SIGNAL)}

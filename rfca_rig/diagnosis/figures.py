@@ -13,7 +13,7 @@ from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.diagnosis.leaving_out import foretold_apart
 from rfca_rig.diagnosis.result import BeforeAfter, Overlay
 from rfca_rig.diagnosis.search import Found, Hypothesis
-from rfca_rig.diagnosis.strokes import FORCES, FlapCondition
+from rfca_rig.diagnosis.strokes import BOUNDED, FORCES, FlapCondition
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.stroke import stroke_following
 
@@ -85,7 +85,7 @@ def _valley(flap: FlapCondition, supposed: Supposed, commanded: bool) -> Valley 
     try:
         motion = turn.motion(supposed, float(t_s[-1]))
         known = t_s <= motion.breaks_s[-1]  # a recorded turn says nothing of the time after it
-        stroke = stroke_following(supposed.rig, flap.height_m + supposed.height_offset_m, motion, t_s[known])
+        stroke = stroke_following(supposed.rig, flap.height_m + supposed.height_offset_m, motion, t_s[known], BOUNDED)
     except SimulationFailed as error:
         return Refused(str(error))
     return find_valley(stroke.t_s, stroke.fz_N)

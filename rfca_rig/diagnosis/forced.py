@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.diagnosis.strokes import FlapCondition
+from rfca_rig.diagnosis.strokes import BOUNDED, FlapCondition
 from rfca_rig.model.laws import HINGE, LawUse
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.setup import Setup, set_up, with_law
@@ -141,4 +141,4 @@ def forced_stroke(
     setup = set_up(supposed.rig, flap.height_m + supposed.height_offset_m, told)
     for change in changes:
         setup = change(setup)
-    return stroke_of(setup, flap.t_s)
+    return stroke_of(setup, flap.t_s, BOUNDED)

@@ -27,7 +27,8 @@ IN_MOTION_ONLY = (
     "motor_speed_ripple",
 )  # a settled reading does not show them
 HELD_ANYHOW = 30.0  # of the usual friction: 0.3 of it goes with a model error of 1 %
-CLOSE_ENOUGH = Tolerance(3e-5, 9e-2, 0.04)  # a third less work; what is read changes by some hundredths of what a model usually errs by
+# A third less work than by default; what is read changes by some hundredths of what a model usually errs by.
+CLOSE_ENOUGH = Tolerance(3e-5, 9e-2, 0.04, most_steps=200_000)
 HOLD_S = 0.3  # the slowest swing of the paper's leg has died out
 
 

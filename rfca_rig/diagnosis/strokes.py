@@ -12,6 +12,7 @@ from rfca_rig.analysis.phases import PHASES, Refused, StrokePhases
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.analysis.valley import Valley, stroke_valley, valley_and_phases
 from rfca_rig.diagnosis.rows import Label, Rows
+from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
 from rfca_rig.model.stroke import SimulatedStroke, stroke_following
 from rfca_rig.recording.form import Stroke
@@ -28,6 +29,8 @@ SMALLEST_SCALE = 0.02  # of a signal's rms over the stroke: a free leg pulls lit
 LATE_S = 0.1  # a relative error of 1 % goes with a moment that is off by 1 ms
 JOLT = 5.0  # the ringing after touchdown is that much harder to foresee than what swings slowly
 JOLT_DIES_S = 0.06
+# A stroke takes some thousands, up to 20 000 where the tip chatters; a place that takes more is no place to go to.
+BOUNDED = Tolerance(most_steps=50_000)
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ class FlapCondition:
     def stroke(self, supposed: Supposed) -> SimulatedStroke:
         """The whole simulated stroke at the samples' times. Raises SimulationFailed."""
         motion = self.turn.motion(supposed, float(self.t_s[-1]))
-        return stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s)
+        return stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s, BOUNDED)
 
     def _binned(self, values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, self.first) / self.counts)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.diagnosis.rows import Label, Rows
+from rfca_rig.diagnosis.strokes import BOUNDED
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.stroke import stroke_following
 
@@ -42,7 +43,7 @@ class ShaftCondition:
         The command starts where the shaft was recorded to stand: by how much a drive sags there is not used.
         """
         motion = ramp_to_speed(self.start_rad, self.speed_rad_s, supposed.rig.drive.ramp_s, float(self.t_s[-1]))
-        stroke = stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s)
+        stroke = stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s, BOUNDED)
         stood_rad = float(stroke.shaft_angle_rad[self.t_s <= max(0.0, float(self.t_s[0]))].mean())
         return self._binned(stroke.shaft_angle_rad - stood_rad - motion.angle_rad(self.t_s) + self.start_rad)
 

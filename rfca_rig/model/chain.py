@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.equilibrium import settle, settle_memory
-from rfca_rig.model.integrator import DONE, SHORTEST_STEP_S, integrate
+from rfca_rig.model.integrator import DONE, SHORTEST_STEP_S, STEP_TOO_SHORT, integrate
 from rfca_rig.model.laws import LawUse, address_of, address_of_advance
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 from rfca_rig.model.stage import room_to_work
@@ -24,12 +24,14 @@ LONGEST_STEP_S = 5e-3
 class Tolerance:
     """Allowed error per step. The default gives force valleys to 1e-4 of those of a run a thousand times tighter, spikes to 0.2 %.
 
-    `longest_s` bounds a step that the errors would allow, as at rest: what happens within one is seen by none.
+    `longest_s` bounds a step that the errors would allow, as at rest: what happens within one is seen by none. `most_steps` bounds a
+    simulation whose steps are so short that it would take hours, as where a tip chatters: a stroke takes some thousands.
     """
 
     angle_rad: float = 1e-5
     speed_rad_s: float = 3e-2
     longest_s: float = LONGEST_STEP_S
+    most_steps: int = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -147,16 +149,17 @@ def advance(
 ) -> Steps:
     """Carries `state` over `span_s` in place and fills `samples`, whose times lie in it, its start excluded.
 
-    Raises SimulationFailed, with the moment, where no step converges.
+    Raises SimulationFailed where no step converges, or where it would take more than `tolerance.most_steps`.
     """
     bounds = np.array([tolerance.angle_rad, tolerance.speed_rad_s])
     work = room_to_work(state.q.size, state.anchor.size)
     status, next_s, accepted, rejected = integrate(
-        chain, laws, shaft, state, span_s[0], span_s[1], step_s, tolerance.longest_s, bounds, work, samples
+        chain, laws, shaft, state, span_s[0], span_s[1], step_s, tolerance.longest_s, tolerance.most_steps, bounds, work, samples
     )
     if status != DONE:
+        why = f"no step above {SHORTEST_STEP_S:g} s converges" if status == STEP_TOO_SHORT else f"steps are down to {next_s:.1g} s"
         raise SimulationFailed(
-            f"the model stopped after {accepted} steps between {span_s[0]:.3f} s and {span_s[1]:.3f} s, {1e3 * chain.ground_depth:.1f} mm "
-            f"above the ground: no step above {SHORTEST_STEP_S:g} s converges; look for a slipped decimal point in the leg or the ground"
+            f"the model stopped after {accepted + rejected} steps between {span_s[0]:.3f} s and {span_s[1]:.3f} s, "
+            f"{1e3 * chain.ground_depth:.1f} mm above the ground: {why}; look for a slipped decimal point in the leg or the ground"
         )
     return Steps(accepted, rejected, next_s)

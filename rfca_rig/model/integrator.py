@@ -35,7 +35,7 @@ FIRST_STEP_S = 1e-4
 GAIN_BY_TURN = 0.98  # a step is not repeated for less
 JUST_AFTER_S = 1e-12  # a shaft that jumps is asked for its motion after the jump
 
-DONE, STEP_TOO_SHORT = 0, 1
+DONE, STEP_TOO_SHORT, TOO_MANY_STEPS = 0, 1, 2
 
 
 @inlined
@@ -145,6 +145,7 @@ def integrate(
     t_end: float,
     h: float,
     longest: float,
+    most: int,
     tolerance: Floats,
     work: Work,
     out: Samples,
@@ -152,12 +153,14 @@ def integrate(
     """Carries `state` from t to t_end in place and fills `out` (times ascending, in (t, t_end]).
 
     `tolerance` = (rad, rad/s) per step. A step whose Newton iteration fails, or whose error is too large, is repeated shorter:
-    nothing is accepted unconverged. Steps end on `shaft.landings`, where the acceleration jumps. Returns (status, last step
-    length, accepted steps, rejected steps).
+    nothing is accepted unconverged. Steps end on `shaft.landings`, where the acceleration jumps. After `most` steps, those rejected
+    too, it gives up. Returns (status, last step length, accepted steps, rejected steps).
     """
     sample = landing = accepted = rejected = 0
     jumped = True
     while t < t_end:
+        if accepted + rejected >= most:
+            return TOO_MANY_STEPS, h, accepted, rejected
         while landing < shaft.landings.size and shaft.landings[landing] <= t:
             landing += 1
             h = min(h, FIRST_STEP_S)

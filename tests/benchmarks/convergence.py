@@ -63,7 +63,9 @@ def free_motion(
     """Samples of a chain let go, and the mean step."""
     samples, bounds = room_for(t_s, len(start)), np.array([tolerance.angle_rad, tolerance.speed_rad_s])
     end_s, work = float(t_s[-1]), room_to_work(len(start), len(start))
-    status, _, accepted, _ = integrate(chain, None, free_shaft(), released(start), 0.0, end_s, first_s, longest_s, bounds, work, samples)
+    status, _, accepted, _ = integrate(
+        chain, None, free_shaft(), released(start), 0.0, end_s, first_s, longest_s, 10**9, bounds, work, samples
+    )
     if status != DONE:
         raise SystemExit(f"the free chain stopped after {accepted} steps")
     return samples, end_s / accepted

@@ -124,6 +124,12 @@ def test_values_no_leg_has_end_in_one_clear_line_not_in_nan():
         stroke_at_speed(broken, 0.215, 2.433, T)
 
 
+def test_a_stroke_that_would_take_hours_is_given_up_after_so_many_steps():
+    bounded = Tolerance(most_steps=200)
+    with pytest.raises(SimulationFailed, match=r"stopped after 200 steps .* steps are down to \d\S* s; look for"):
+        stroke_at_speed(PAPER, 0.215, 2.433, T, bounded)
+
+
 @pytest.mark.parametrize("case", range(24))
 def test_wide_parameters_neither_fail_nor_depend_on_the_tolerance(case):
     random = np.random.default_rng(case)
