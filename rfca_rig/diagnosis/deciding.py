@@ -8,7 +8,7 @@ from scipy.special import expit, logsumexp
 
 from rfca_rig.diagnosis.coordinates import Choice, std_of, value_of
 from rfca_rig.diagnosis.detectable import size_parameter, without_effect
-from rfca_rig.diagnosis.gates import ONE_VALUE, at_usual_error, gates_of, strain_of
+from rfca_rig.diagnosis.gates import AS_USUAL, ONE_VALUE, at_usual_error, gates_of, left_out, strain_of
 from rfca_rig.diagnosis.judging import GOOD_FIT
 from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED
 from rfca_rig.diagnosis.result import Gate, NamedEffect, Rival, Value, Verdict
@@ -71,9 +71,15 @@ def _attempt(found: Found, best: Hypothesis, candidates: int, rivals: tuple[Riva
     if nothing <= 0.1 and all(gate.passed for gate in gates):
         return Decision("named", best, _named(best, classes, probability, gates), gates, rivals, None, nothing)
     unproven = nothing > 0.1 or not gates[0].passed
-    adequate = _probability(rivals, UNKNOWN) < 0.5 if unproven else found.nothing.judgement.error < GOOD_FIT
+    adequate = _probability(rivals, UNKNOWN) < 0.5 if unproven else _is_adequate(found)
     verdict: Verdict = "nothing missing" if adequate and not strain_of(found.nothing) else "unexplained"
     return Decision(verdict, found.nothing, (), gates, rivals, best, _nothing_or_unknown(found))
+
+
+def _is_adequate(found: Found) -> bool:
+    """Whether the model without effects errs no more than models do, in the conditions that it was fitted to and in those left out."""
+    apart = left_out(found, found.nothing)
+    return found.nothing.judgement.error < GOOD_FIT and (len(apart) < 3 or float(apart.mean()) <= AS_USUAL)
 
 
 def _nothing_or_unknown(found: Found) -> float:

@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.diagnosis.coordinates import Choice
 from rfca_rig.diagnosis.decoys import best_decoy, taken_away
 from rfca_rig.diagnosis.descent import Descent
-from rfca_rig.diagnosis.gates import APPROXIMATELY, MOST_VARIATION, _most_variation, share_by_size
+from rfca_rig.diagnosis.gates import APPROXIMATELY, MOST_VARIATION, _most_variation, share_by_size, vetoed
 from rfca_rig.diagnosis.screening import Trial
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded
@@ -49,6 +49,23 @@ def test_conditions_count_by_how_much_they_change():
     assert share_by_size(np.array([1.0, 1.0, -0.05, -0.05])) == pytest.approx(2.0 / 2.1)
     assert share_by_size(np.array([1.0, -1.0])) == pytest.approx(0.5)
     assert share_by_size(np.zeros(3)) == 0.0
+
+
+SMALL = 0.15  # by which chance may make a condition come out worse
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "is_vetoed"),
+    [
+        ([4.0, 3.0, 0.7], [0.5, 0.4, 0.9], False),  # worse by more than chance, and still foretold as well as models do
+        ([4.0, 3.0, 0.7], [0.5, 0.4, 1.1], True),
+        ([4.0, 3.0, 1.0], [0.5, 0.4, 1.1], False),
+        ([0.6, 0.5, 0.3], [0.3, 0.3, 0.5], True),  # without the effect the model errs no more than models do
+        ([0.6, 0.5, 0.3], [0.3, 0.3, 0.4], False),
+    ],
+)
+def test_a_condition_that_comes_out_worse_is_a_veto_unless_it_is_foretold_well_all_the_same(before, after, is_vetoed):
+    assert vetoed(np.array(before), np.array(after), SMALL) == is_vetoed
 
 
 def test_what_only_slopes_promise_does_not_count(played):
