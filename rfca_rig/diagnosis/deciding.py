@@ -10,6 +10,7 @@ from rfca_rig.diagnosis.coordinates import Choice, std_of, value_of
 from rfca_rig.diagnosis.detectable import size_parameter, without_effect
 from rfca_rig.diagnosis.gates import AS_USUAL, ONE_VALUE, at_usual_error, gates_of, left_out, strain_of
 from rfca_rig.diagnosis.judging import GOOD_FIT
+from rfca_rig.diagnosis.leaving_out import FORETOLD_TO
 from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED
 from rfca_rig.diagnosis.result import Gate, NamedEffect, Rival, Value, Verdict
 from rfca_rig.diagnosis.search import PRIOR_UNKNOWN, Found, Hypothesis
@@ -48,9 +49,9 @@ def decided(found: Found, candidates: int) -> Decision:
     nothing = _probability(rivals, ())
     best = _simplest(found, candidates)
     if best is None or nothing > 0.5:
-        strained = strain_of(found.nothing)
-        gates = (Gate("plausible", not strained, strained or "all values within what is plausible"),)
-        return Decision("unexplained" if strained else "nothing missing", found.nothing, (), gates, rivals, None, nothing)
+        gates = _gates_of_nothing(found)
+        verdict: Verdict = "nothing missing" if all(gate.passed for gate in gates) else "unexplained"
+        return Decision(verdict, found.nothing, (), gates, rivals, None, nothing)
     attempts = [_attempt(found, h, candidates, rivals, nothing) for h in (best, *_inside(found, best))]
     return next((attempt for attempt in attempts if attempt.verdict == "named"), attempts[0])
 
@@ -71,15 +72,35 @@ def _attempt(found: Found, best: Hypothesis, candidates: int, rivals: tuple[Riva
     if nothing <= 0.1 and all(gate.passed for gate in gates):
         return Decision("named", best, _named(best, classes, probability, gates), gates, rivals, None, nothing)
     unproven = nothing > 0.1 or not gates[0].passed
-    adequate = _probability(rivals, UNKNOWN) < 0.5 if unproven else _is_adequate(found)
+    adequate = _is_likelier(found, rivals) if unproven else _is_adequate(found)
     verdict: Verdict = "nothing missing" if adequate and not strain_of(found.nothing) else "unexplained"
     return Decision(verdict, found.nothing, (), gates, rivals, best, _nothing_or_unknown(found))
 
 
+def _gates_of_nothing(found: Found) -> tuple[Gate, ...]:
+    """What a model must stand that no effect makes likelier, before it is said to lack nothing."""
+    strained, apart = strain_of(found.nothing), _apart(found)
+    foretold = f"conditions are foretold from the others to {apart:.2f} of what a usual model error explains"
+    return (
+        Gate("plausible", not strained, strained or "all values within what is plausible"),
+        Gate("foretells", apart <= FORETOLD_TO, foretold),
+    )
+
+
+def _is_likelier(found: Found, rivals: Sequence[Rival]) -> bool:
+    """Whether the model without effects is likelier than something unlisted, and some explanation."""
+    return _probability(rivals, UNKNOWN) < 0.5 and _apart(found) <= FORETOLD_TO
+
+
 def _is_adequate(found: Found) -> bool:
     """Whether the model without effects errs no more than models do, in the conditions that it was fitted to and in those left out."""
+    return found.nothing.judgement.error < GOOD_FIT and _apart(found) <= AS_USUAL
+
+
+def _apart(found: Found) -> float:
+    """How well the model without effects foretells conditions, as `left_out` has it; 0 where they are too few to tell."""
     apart = left_out(found, found.nothing)
-    return found.nothing.judgement.error < GOOD_FIT and (len(apart) < 3 or float(apart.mean()) <= AS_USUAL)
+    return float(apart.mean()) if len(apart) > 2 else 0.0
 
 
 def _nothing_or_unknown(found: Found) -> float:

@@ -139,7 +139,7 @@ def _foretold(found: Found, best: Hypothesis) -> Gate:
         return Gate("foretells", False, f"only {len(before)} conditions: none can be left out to be foretold")
     gains = before - after
     enough = float(gains.mean()) > max(float(gains.std(ddof=1)) / np.sqrt(len(gains)), WORTH_NAMING * float(before.mean()))
-    enough = enough or (_relieves(best, found.nothing) and float(gains.mean()) > 0.0)
+    enough = enough or (_relieves(best, found.nothing) and float(gains.mean()) > 0.0 and float(after.mean()) <= AS_USUAL)
     share = max(float(np.mean(gains > 0.0)), share_by_size(gains) if float(after.mean()) < AS_USUAL else 0.0)
     well = float(after.mean()) <= FORETOLD_TO and not vetoed(before, after, floor)
     text = f"{100 * share:.0f} % of {len(gains)} conditions are foretold better from the others; rms {before.mean():.2f} -> "

@@ -30,3 +30,9 @@ def test_a_model_lacks_nothing_if_it_fits_and_foretells_as_models_do(played, mon
     found = replace(played, nothing=replace(played.nothing, judgement=replace(played.nothing.judgement, error=error)))
     monkeypatch.setattr(deciding, "left_out", lambda *_: np.array(apart))
     assert deciding._is_adequate(found) == is_adequate
+
+
+@pytest.mark.parametrize(("apart", "verdict"), [([1.2, 1.3, 1.4], "nothing missing"), ([1.2, 1.3, 4.0], "unexplained")])
+def test_what_no_effect_explains_and_no_condition_foretells_is_unexplained(played, monkeypatch, apart, verdict):
+    monkeypatch.setattr(deciding, "left_out", lambda *_: np.array(apart))
+    assert deciding.decided(replace(played, named=()), candidates=1).verdict == verdict
