@@ -12,6 +12,8 @@ RigError                    exit code 1: the work could not be done
 
 from rfca_rig.trip_codes import Trip
 
+TRIP = "TRIP "  # what a trip's text begins with, by which it is known again in a recording
+
 
 class RigError(Exception):
     """Base of all errors that are reported to a user in one line."""
@@ -44,7 +46,7 @@ class Tripped(RigError):
 
     def __init__(self, code: Trip, what: str) -> None:
         """The text of the error begins with the code, under which `docs/trips.md` tells more."""
-        super().__init__(f"TRIP {code}: {what}")
+        super().__init__(f"{TRIP}{code}: {what}")
         self.code = code
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.nearest import not_there
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.protocol.remaining import Done
@@ -19,7 +19,6 @@ from rfca_rig.recording.outline import outline_of
 from rfca_rig.recording.run_text import Ending, events_of, read_ending, read_header
 
 RESUMED = "run resumed"
-TRIP = "TRIP "
 ENDING_KEPT = ("ended", "exit_status", "reason", "ended_at", "lasted_s", "worst_loop_gap_ms", "sensor_records", "standstill", "interrupted")
 WITHOUT_A_WORD = "it ended without a word: a crash, or a power cut"
 

@@ -23,6 +23,7 @@ from mcap.writer import CompressionType, Writer
 from rfca_rig.campaign.stored import Stored, StoredStage, stored_at
 from rfca_rig.campaign.stored_streams import StoredStream
 from rfca_rig.channels import UNITS
+from rfca_rig.errors import TRIP
 from rfca_rig.export import foxglove_messages as foxglove
 from rfca_rig.export.host_clock import NS, event_times, events_in, placed
 from rfca_rig.export.sample_messages import Layout, layout_of, packed_samples
@@ -131,7 +132,7 @@ class _McapFile:
         begin_ns = events[0][0] if events else 0
         yield begin_ns, channel, foxglove.log(begin_ns, f"{self._stored.source} recording: {self._stored.title}")
         for ns, event in events:
-            yield ns, channel, foxglove.log(ns, event_text(event), "error" if "TRIP" in str(event.get("why", "")) else "info")
+            yield ns, channel, foxglove.log(ns, event_text(event), "error" if TRIP in str(event.get("why", "")) else "info")
 
     def _recorded(self, told: Watcher) -> Iterator[Message]:
         """Stage after stage; static stages of which only the means are known follow a second apart."""

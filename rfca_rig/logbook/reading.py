@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.logbook.entry import Condition, Entry
 from rfca_rig.recording.identity import identity_of
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING
@@ -104,7 +104,7 @@ def _end(ending: Mapping[str, str]) -> tuple[str, str, str]:
     """(one of ENDINGS, a trip's code, words)."""
     why = ending.get("ended", "")
     reason = ending.get("reason", "")
-    if why.startswith("TRIP "):
+    if why.startswith(TRIP):
         return "tripped", reason, why
     if "interrupted" in ending and not why:
         return "interrupted", "", ending["interrupted"]

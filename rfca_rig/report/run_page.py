@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from rfca_rig.errors import TRIP
 from rfca_rig.report import run_pictures
 from rfca_rig.report.origin import Told
 from rfca_rig.report.run_health import devices, health, provenance
@@ -121,7 +122,7 @@ def _sentence(story: RunStory) -> str:
 
 
 def _has_tripped(kept: Mapping[str, str]) -> bool:
-    return kept.get("ended", "").startswith("TRIP")
+    return kept.get("ended", "").startswith(TRIP)
 
 
 def _share(story: RunStory, done: Table) -> dict[str, str] | None:
