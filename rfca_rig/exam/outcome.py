@@ -19,8 +19,8 @@ class Truth:
     """The part of a truth that is scored. `effects` with their parameters; `accepted` are further right names.
 
     `nameless` where something is wrong that no name fits, so that only "unexplained", or a refusal, is right; `left` is how far the forces
-    shift beyond what believed values can explain, in units of the noise; `faintest` the same for the effect that shows least, and
-    `faintest_above` in units of noise and usual model error.
+    shift beyond what believed values can explain, in units of the noise; `left_of_each` the same for each effect alone, and
+    `faintest_above` for the effect that shows least, in units of noise and usual model error.
     """
 
     case: str
@@ -34,8 +34,12 @@ class Truth:
     lawless: bool
     strength: float
     left: float
-    faintest: float
+    left_of_each: Mapping[str, float]
     faintest_above: float
+
+    @property
+    def faintest(self) -> float:
+        return _least(self.left_of_each)
 
 
 def truth_in(truth: Mapping[str, Any]) -> Truth:
@@ -53,13 +57,17 @@ def truth_in(truth: Mapping[str, Any]) -> Truth:
         lawless=truth["uneven"] is not None,
         strength=truth["strength"],
         left=float("inf") if left is None else left,
-        faintest=_faintest(truth["left_of_each"]),
-        faintest_above=_faintest(truth.get("above_of_each", {})),
+        left_of_each=_sizes(truth["left_of_each"]),
+        faintest_above=_least(_sizes(truth.get("above_of_each", {}))),
     )
 
 
-def _faintest(of_each: Mapping[str, float | None]) -> float:
-    return min((float("inf") if each is None else each for each in of_each.values()), default=float("inf"))
+def _sizes(of_each: Mapping[str, float | None]) -> dict[str, float]:
+    return {effect: float("inf") if size is None else size for effect, size in of_each.items()}
+
+
+def _least(of_each: Mapping[str, float]) -> float:
+    return min(of_each.values(), default=float("inf"))
 
 
 def false_claims(truth: Truth, said: Said) -> tuple[Claim, ...]:

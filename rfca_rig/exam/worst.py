@@ -34,11 +34,18 @@ def _miss(truth: Truth, said: Said) -> Miss | None:
         level = 4.0 if came == WRONG else 3.0
         reason = f"named {false.id} at {false.probability:.0%}, {'which is not there' if came == EXTRA else f'there is {there}'}"
         return Miss(truth.case, truth.kind, level + false.probability, reason)
-    if came in (SILENT, PARTIAL):
-        seen = min(truth.left / 100.0, 1.0)
-        missed = " and ".join(sorted(set(truth.effects) - {claim.id for claim in said.named})) or there
-        return Miss(truth.case, truth.kind, 1.0 + seen, f"missed {missed}, which shifts the forces by {truth.left:.1f} times the noise")
+    if came == SILENT:
+        return _missed(truth, there, truth.left)
+    if came == PARTIAL:
+        missed = sorted(set(truth.effects).difference(*(claim.members for claim in said.named)))
+        return _missed(truth, " and ".join(missed), max(truth.left_of_each[effect] for effect in missed))
     return _value_off(truth, said)
+
+
+def _missed(truth: Truth, what: str, left: float) -> Miss:
+    """`left` is how far that shifts the forces beyond what believed values can explain, in units of the noise."""
+    seen = min(left / 100.0, 1.0)
+    return Miss(truth.case, truth.kind, 1.0 + seen, f"missed {what}, which shifts the forces by {left:.1f} times the noise")
 
 
 def _value_off(truth: Truth, said: Said) -> Miss | None:

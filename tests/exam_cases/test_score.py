@@ -127,6 +127,15 @@ def test_a_pair_with_an_invisible_member_is_not_asked_for():
     pair = truth("a", cases.PAIR, PLAY_AND_LAG, left_of_each={"hinge_backlash": 9.0, "sensor_lag": 0.3})
     marks = score([pair], {"a": named(claim("hinge_backlash"))})
     assert marks.pairs_exact == Share(0, 1) and marks.pairs_exact_detectable == Share(0, 0)
+    (miss,) = marks.worst
+    assert miss.reason == "missed sensor_lag, which shifts the forces by 0.3 times the noise"
+
+
+def test_what_shows_most_is_missed_worst():
+    large, small = ({"hinge_backlash": 9.0, "sensor_lag": left} for left in (8.0, 0.3))
+    truths = [truth(case, cases.PAIR, PLAY_AND_LAG, left_of_each=left) for case, left in (("a", small), ("b", large))]
+    marks = score(truths, dict.fromkeys("ab", named(claim("tip_mass", like=["hinge_backlash"]))))
+    assert [(miss.case, "sensor_lag, which" in miss.reason) for miss in marks.worst] == [("b", True), ("a", True)]
 
 
 def test_a_case_without_diagnosis_counts():
