@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.diagnosis.coordinates import Choice
 from rfca_rig.diagnosis.decoys import best_decoy, taken_away
 from rfca_rig.diagnosis.descent import Descent
-from rfca_rig.diagnosis.gates import APPROXIMATELY, MOST_VARIATION, _most_variation, share_by_size, vetoed
+from rfca_rig.diagnosis.gates import APPROXIMATELY, MOST_VARIATION, _least_left, _most_variation, comes_down, share_by_size, vetoed
 from rfca_rig.diagnosis.screening import Trial
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded
@@ -66,6 +66,26 @@ SMALL = 0.15  # by which chance may make a condition come out worse
 )
 def test_a_condition_that_comes_out_worse_is_a_veto_unless_it_is_foretold_well_all_the_same(before, after, is_vetoed):
     assert vetoed(np.array(before), np.array(after), SMALL) == is_vetoed
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "is_down"),
+    [
+        (2.4, 0.6, True),
+        (2.4, 1.3, False),  # a filter that passes for a late clock
+        (0.9, 0.65, True),  # little to take away, and nearly all of it taken
+        (0.9, 0.8, False),
+        (0.7, 0.5, True),  # better than a good model has to be
+    ],
+)
+def test_a_name_comes_down_to_what_good_models_leave(before, after, is_down):
+    assert comes_down(before, after, 0.63) == is_down
+
+
+def test_the_best_of_models_leave_the_noise_and_half_of_the_usual_error(played):
+    assert 0.5 < _least_left(played) < 1.0
+    usual_alone = replace(played.judge, named=(played.judge.usual,))
+    assert _least_left(replace(played, judge=usual_alone)) == 1.0
 
 
 def test_what_only_slopes_promise_does_not_count(played):
