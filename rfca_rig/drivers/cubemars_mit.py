@@ -14,6 +14,7 @@ from rfca_rig.drivers.cubemars_settings import MitSettings
 from rfca_rig.drivers.guard import LET_GO, Guard, arm, prove_guard
 from rfca_rig.drivers.moving_target import MovingTarget
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
+from rfca_rig.drivers.standing import await_standing
 from rfca_rig.errors import DeviceError
 
 __all__ = ["CubemarsMitMotor", "MitSettings"]
@@ -48,12 +49,13 @@ class CubemarsMitMotor:
         """Energises, holding the shaft where it stands: a command without gains overwrites what the drive remembers before.
 
         Raises DeviceError saying what is missing: any frame, this drive's replies, MIT mode; with what error the drive refuses;
-        or that the shaft moved. The motor is off after a refusal.
+        or that the shaft does not come to rest before, or moved. The motor is off after a refusal.
         """
         self.disable()
         if self._replies.zero_lost is not None:
             raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start anew")
         self._await_replies()
+        await_standing(self._clock, self._limp_speed_rad_s)
         self._target = self._target_at(self._replies.angle_rad)
         began_rad, until_s = self._replies.angle_rad, self._clock.now_s() + HELD_S
         self._arm()
@@ -79,8 +81,12 @@ class CubemarsMitMotor:
         while self._replies.missing() is not None:
             if self._clock.now_s() > deadline_s:
                 raise DeviceError(f"drive not enabled: within {self._settings.enable_timeout_s:g} s {self._replies.missing()}")
-            self._send(self._last_word.limp().data)
-            self._wait_and_drain()
+            self._limp_speed_rad_s()
+
+    def _limp_speed_rad_s(self) -> float:
+        self._send(self._last_word.limp().data)
+        self._wait_and_drain()
+        return self._replies.speed_rad_s
 
     def _refuse_if_moved(self, began_rad: float) -> None:
         moved_rad = self._replies.angle_rad - began_rad

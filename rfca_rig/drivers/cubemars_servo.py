@@ -14,6 +14,7 @@ from rfca_rig.drivers.cubemars_settings import ServoSettings
 from rfca_rig.drivers.guard import LET_GO, Guard, arm, prove_guard
 from rfca_rig.drivers.report_period import LOOK_REPORTS, period_fault
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
+from rfca_rig.drivers.standing import await_standing
 from rfca_rig.errors import DeviceError
 
 __all__ = ["CubemarsServoMotor", "ServoSettings"]
@@ -49,12 +50,14 @@ class CubemarsServoMotor:
         """Energises, holding the shaft where it stands: first as a position with a low limit of speed, so that nothing can jump.
 
         Raises DeviceError saying what is missing: any frame, this drive's status at the configured rate; with what error the
-        drive refuses; or that it began to turn, because it counts its turns otherwise than it shows. The motor is off after that.
+        drive refuses; that the shaft does not come to rest before; or that it began to turn, because the drive counts its turns
+        otherwise than it shows. The motor is off after that.
         """
         self.disable()
         if self._reports.zero_lost is not None:
             raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start anew")
         self._await_status()
+        await_standing(self._clock, self._limp_speed_rad_s)
         if self._guard is not None:
             arm(self._guard)
         self._hold_gently(self._reports.position_deg, self._reports.angle_rad)
@@ -80,6 +83,10 @@ class CubemarsServoMotor:
                 raise DeviceError(f"drive not enabled: within {timeout_s:g} s {self._reports.missing()}")
             self._wait_and_drain()
         return (self._clock.now_s() - started_s) / self._reports.heard
+
+    def _limp_speed_rad_s(self) -> float:
+        self._wait_and_drain()
+        return self._reports.speed_rad_s
 
     def _hold_gently(self, position_deg: float, angle_rad: float) -> None:
         erpm = abs(self._settings.erpm_s_per_rad)

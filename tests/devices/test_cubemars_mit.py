@@ -200,7 +200,8 @@ def test_a_drive_that_moves_when_energised_is_let_go() -> None:
 
 
 def pushed_while_enabling(r: MotorRig, load_Nm: float) -> None:
-    r.clock.carry(lambda now_s: setattr(r.rotor, "load_Nm", load_Nm if now_s > 3e-3 else 0.0))
+    """By a load that begins with the drive's torque."""
+    r.clock.carry(lambda _: setattr(r.rotor, "load_Nm", load_Nm if r.rotor.drives[-1][1].speed_gain_Nm_s_per_rad else 0.0))
     r.motor.enable()
 
 
