@@ -149,12 +149,15 @@ def _adds(found: Found, hypothesis: Hypothesis, part: Hypothesis, needed: float)
 def _class_of(found: Found, best: Hypothesis, number: int) -> tuple[str, ...]:
     """The effects that could stand in the place of one of the hypothesis's, the others kept."""
     others = set(best.ids) - {best.ids[number]}
-    same_size = [
-        h for h in found.named if len(h.ids) == len(best.ids) and others < set(h.ids) | {best.ids[number]} and others <= set(h.ids)
-    ]
-    good = [h for h in same_size if h.judgement.log_evidence > best.judgement.log_evidence - AS_GOOD]
-    names = {name for h in good for name in h.ids if name not in others and name != best.ids[number]}
-    return tuple(sorted(names))
+    in_its_place = [h for h in found.named if len(h.ids) == len(best.ids) and others <= set(h.ids)]
+    good = [h for h in in_its_place if _is_as_good(found, h, best)]
+    return tuple(sorted({name for h in good for name in h.ids} - set(best.ids)))
+
+
+def _is_as_good(found: Found, rival: Hypothesis, best: Hypothesis) -> bool:
+    """Whether these data do not tell them apart, or would not if the model erred by as much as models do."""
+    behind = best.judgement.log_evidence - rival.judgement.log_evidence
+    return min(behind, at_usual_error(found, best) - at_usual_error(found, rival)) < AS_GOOD
 
 
 def _class_probability(rivals: Sequence[Rival], best: Hypothesis, classes: Sequence[tuple[str, ...]]) -> float:

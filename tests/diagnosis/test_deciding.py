@@ -36,3 +36,19 @@ def test_a_model_lacks_nothing_if_it_fits_and_foretells_as_models_do(played, mon
 def test_what_no_effect_explains_and_no_condition_foretells_is_unexplained(played, monkeypatch, apart, verdict):
     monkeypatch.setattr(deciding, "left_out", lambda *_: np.array(apart))
     assert deciding.decided(replace(played, named=()), candidates=1).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("behind", "behind_at_usual", "is_as_good"),
+    [
+        (2.0, 2.0, True),
+        (2.0, 9.0, True),
+        (8.0, 1.0, True),  # they are told apart only if the model errs by less than models do
+        (8.0, 9.0, False),
+    ],
+)
+def test_a_rival_is_as_good_if_it_is_so_to_a_model_that_errs_as_models_do(played, monkeypatch, behind, behind_at_usual, is_as_good):
+    best = played.named[0]
+    rival = replace(best, judgement=replace(best.judgement, log_evidence=best.judgement.log_evidence - behind))
+    monkeypatch.setattr(deciding, "at_usual_error", lambda _, hypothesis: -behind_at_usual if hypothesis is rival else 0.0)
+    assert deciding._is_as_good(played, rival, best) == is_as_good
