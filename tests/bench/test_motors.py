@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rfca_rig.bench import make
+from rfca_rig.bench.leg_plant import LegPlant
 from rfca_rig.bench.make import open_bench
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.engine.run import run_plan
@@ -87,9 +89,12 @@ def test_files_from_before_there_was_a_choice_are_still_read(name: str) -> None:
 
 
 @pytest.mark.parametrize("motor", [MIT, SERVO])
-def test_the_twin_of_a_motor_is_opened_with_its_own_scale(tmp_path: Path, motor: str) -> None:
-    rig = rig_with(tmp_path, motor)
+def test_the_twin_of_a_motor_is_opened_with_its_own_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, motor: str) -> None:
+    """The leg falls from where it is parked, and the motor holds it where it then hangs."""
+    rig, plants = rig_with(tmp_path, motor), []
+    monkeypatch.setattr(make, "LegPlant", lambda *args, **named: plants.append(LegPlant(*args, **named)) or plants[-1])
     with open_bench(rig, 1) as bench:
         bench.motor.enable()
         shaft = bench.motor.read()
-        assert shaft.angle_rad[-1] == pytest.approx(np.radians(rig.rig.parked_angle_deg), abs=0.05)
+        assert shaft.angle_rad[-1] == pytest.approx(plants[0].shaft().angle_rad, abs=0.01)
+        assert shaft.angle_rad[-1] > np.radians(rig.rig.parked_angle_deg) + 0.1
