@@ -1,5 +1,6 @@
 """What all tests share."""
 
+import os
 import signal
 
 from hypothesis import settings
@@ -7,6 +8,10 @@ from hypothesis import settings
 # a machine that is busy with something else is slow, which is no fault of what is tested
 settings.register_profile("unhurried", deadline=None)
 settings.load_profile("unhurried")
+
+# tests that run side by side, each with threads of linear algebra that spin for the same cores, take many times as long; set before
+# numpy is loaded, and for what tests start
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # a shell that starts tests in the background has them and their children deaf to ^C, which some are about
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.repeats import Condition, conditions_of
+from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.description.believed import believed_model
 from rfca_rig.diagnosis.conventions import likeliest_moves
 from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.deciding import Decision, decided
 from rfca_rig.diagnosis.evidence import evidence_of
 from rfca_rig.diagnosis.looked_for import looked_for, not_looked_for
-from rfca_rig.diagnosis.nuisances import nuisances_of
+from rfca_rig.diagnosis.nuisances import nuisances_of, nuisances_of_drive
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
 from rfca_rig.diagnosis.search import Found, Progress, searched
 from rfca_rig.diagnosis.stages import HOLD_S, StageTable, stage_tables
@@ -61,6 +62,7 @@ class Verdicts:
     drive_decision: Decision | None
 
 
+@algebra_on_one_thread()
 def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits | None = None, without: Collection[str] = ()) -> Diagnosis:
     """The diagnosis of recordings that believe the same of one rig.
 
@@ -140,8 +142,7 @@ def drive_found(body: Body, leg: Found, effects: Sequence[Effect], progress: Pro
     found = []
     for holds_start in (False, True):
         rig = replace(supposed.rig, drive=replace(supposed.rig.drive, holds_start=holds_start))
-        space = nuisances_of(rig, {"friction_coefficient": 0.01, "height_mm": 0.1}, 0.0)
-        space = replace(space, centre=replace(supposed, rig=rig, turn_offset_rad=0.0))
+        space = nuisances_of_drive(rig, replace(supposed, rig=rig, turn_offset_rad=0.0))
         found.append(
             searched(evidence, Coordinates(space), effects, lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share))
         )

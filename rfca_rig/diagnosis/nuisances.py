@@ -1,5 +1,5 @@
 """What every hypothesis may move: the values of [known_to], the three numbers of the floor that nobody measures, and a leg that has not
-quite come to rest when the recording begins."""
+quite come to rest when the recording begins. Of the shaft's own motion: how late the drive does what it is told."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,6 +10,7 @@ from rfca_rig.analysis.fitting.parameters import PARAMETERS, Parameter, Space, S
 from rfca_rig.model.parameters import RigModel, Swing
 
 SELDOM_MEASURED = ("presliding", "tangential_damping", "friction_lever")  # how a floor ties and drags a point beside mu N, and where
+LATE_MS = 2.0  # an adapter, a bus and a drive's own cycle; a gain of its loop does much the same
 SAGS = 0.3  # a leg let go straight half a second before still swings by a third of its sag
 SAGS_PER_S = 25.0  # the same as a speed, at the 13 Hz of the paper's leg
 
@@ -21,6 +22,12 @@ def nuisances_of(rig: RigModel, known_to: Mapping[str, float], before_s: float) 
     space = space_of([*names, *SELDOM_MEASURED], Supposed(swinging), known_to)
     space = replace(space, has_prior=np.ones(len(space.std), dtype=bool))
     return _joined(space, _SWING) if before_s > 0.0 else space
+
+
+def nuisances_of_drive(rig: RigModel, centre: Supposed) -> Space:
+    """The space of what the shaft's own motion hardly depends on, and of what it does, around what is supposed of the leg."""
+    space = nuisances_of(rig, {"friction_coefficient": 0.01, "height_mm": 0.1}, 0.0)
+    return _joined(replace(space, centre=centre), (_DELAY,))
 
 
 def _joined(space: Space, more: tuple[Parameter, ...]) -> Space:
@@ -47,4 +54,8 @@ def _with_rate(at: Supposed, rate_per_s: float) -> Supposed:
 _SWING = (
     Parameter("swing", "sags", False, SAGS, lambda at: _swing(at).share, _with_share),
     Parameter("swing_rate", "sags/s", False, SAGS_PER_S, lambda at: _swing(at).rate_per_s, _with_rate),
+)
+
+_DELAY = Parameter(
+    "command_delay", "ms", False, LATE_MS, lambda at: 1e3 * at.command_delay_s, lambda at, ms: replace(at, command_delay_s=1e-3 * ms)
 )

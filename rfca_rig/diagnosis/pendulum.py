@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from rfca_rig.analysis.swings import SwingProblem, swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign
+from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.deciding import decided
 from rfca_rig.diagnosis.evidence import evidence_of
@@ -21,6 +22,7 @@ OF_PENDULUMS = "pendulum-like rigs"
 ALSO = ("fluid_drag", "hinge_viscous_damping", "gravity_tilt")
 
 
+@algebra_on_one_thread()
 def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: Collection[str] = ()) -> Diagnosis:
     """The diagnosis of a pendulum's recordings.
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 FEWEST_CONDITIONS = 3
+SHOWS = 3.0  # standard deviations
 
 
 def summed_up(body: "Body", verdicts: "Verdicts", effects: Sequence[Effect], limits: Limits | None) -> Diagnosis:
@@ -58,7 +59,7 @@ def summed_up(body: "Body", verdicts: "Verdicts", effects: Sequence[Effect], lim
         held_out=held_out(leg, accepted),
         valley=valley_errors(body.flaps, leg.believed.coordinates.supposed(leg.believed.x), after, bool(drive_effects)),
         unexplained=(*_unexplained(verdict, verdicts), *_free_form(verdicts)),
-        remarks=(*body.remarks, *_remarks(body, leg)),
+        remarks=(*body.remarks, *_remarks(body, leg), *_late(verdicts)),
         next_experiment=next_experiment(body, verdicts, _enough(body), limits),
         believed_values=_values(accepted),
         overlays=(*overlays(leg, accepted), *_of_drive(verdict, verdicts)),
@@ -172,6 +173,15 @@ def _remarks(body: "Body", leg: Found) -> tuple[str, ...]:
     channel = (f"only {alone} parts: without it nothing is missing, which speaks for the sensor",) if alone else ()
     shaft = () if body.as_commanded else ("the shaft did not turn as commanded; the forces are compared along its recorded turn",)
     return (*channel, *shaft)
+
+
+def _late(verdicts: "Verdicts") -> tuple[str, ...]:
+    """How late the drive does what it is told, where that shows: a gain that is fitted without it is wrong."""
+    if verdicts.drive_decision is None:
+        return ()
+    late_ms = _values(verdicts.drive_decision.accepted)["command_delay"]
+    said = f"the drive does what it is told {late_ms.value:.1f} ms late (standard deviation {late_ms.std:.1f} ms)"
+    return (said,) if late_ms.value > SHOWS * late_ms.std else ()
 
 
 def _values(hypothesis: Hypothesis) -> Mapping[str, Value]:

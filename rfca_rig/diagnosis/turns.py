@@ -40,10 +40,12 @@ class ShaftCondition:
     def simulated(self, supposed: Supposed) -> Floats:
         """The model's turn less the commanded one, each from where it stands, (b,). Raises SimulationFailed.
 
-        The command starts where the shaft was recorded to stand: by how much a drive sags there is not used.
+        The command starts where the shaft was recorded to stand: by how much a drive sags there is not used. What a late drive does is
+        what the same drive would have done so much before.
         """
         motion = ramp_to_speed(self.start_rad, self.speed_rad_s, supposed.rig.drive.ramp_s, float(self.t_s[-1]))
-        stroke = stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s, BOUNDED)
+        then_s = self.t_s - supposed.command_delay_s
+        stroke = stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, motion, then_s, BOUNDED)
         stood_rad = float(stroke.shaft_angle_rad[self.t_s <= max(0.0, float(self.t_s[0]))].mean())
         return self._binned(stroke.shaft_angle_rad - stood_rad - motion.angle_rad(self.t_s) + self.start_rad)
 

@@ -2,20 +2,67 @@
 
 from dataclasses import replace
 
+import pytest
+
 from rfca_rig.analysis.repeats import conditions_of
+from rfca_rig.diagnosis.deciding import decided
 from rfca_rig.diagnosis.diagnose import SEEN_ON_THE_SHAFT, drive_found
+from rfca_rig.diagnosis.search import Found
+from rfca_rig.diagnosis.strokes import turn_of
+from rfca_rig.diagnosis.summing_up import _late
 from rfca_rig.diagnosis.turns import shaft_condition
 from rfca_rig.model.catalogue import catalogue
-from tests.diagnosis.by_hand import RIG, body_of, flaps_of, found_among, present, recorded
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.recording.form import Stream, Stroke
+from tests.diagnosis.by_hand import RIG, body_of, flaps_of, found_among, nothing_missing, present, recorded, verdicts_of
+
+THREE = ((215.0, 2.433), (215.0, 3.249), (235.0, 2.478))
+EFFECTS = [catalogue()[name] for name in SEEN_ON_THE_SHAFT]
 
 
 def test_a_drive_that_sags_is_looked_for_though_the_forces_look_a_little_like_a_soft_shaft():
     rig = replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=5.0, ki_Nm_per_rad=40.0),))
     strokes = recorded(rig, [(215.0, 2.433)])
     flaps = flaps_of(strokes)
-    shafts = [shaft_condition(c, float(f.t_s[-1]), RIG.drive.ramp_s) for c, f in zip(conditions_of(strokes), flaps, strict=True)]
+    shafts = shafts_of(strokes, flaps)
     leg = found_among(flaps, ["shaft_compliance"])
     soft = replace(leg, named=tuple(replace(h, log_prior=1e6) for h in leg.named))
-    effects = [catalogue()[name] for name in SEEN_ON_THE_SHAFT]
-    drive = drive_found(body_of(flaps, soft, shafts), soft, effects, lambda *_: None)
+    drive = drive_found(body_of(flaps, soft, shafts), soft, EFFECTS, lambda *_: None)
     assert drive.named[0].ids == ("motor_speed_droop",)
+
+
+LATE_MS = 3.0
+
+
+def shafts_of(strokes, flaps):
+    return [shaft_condition(c, float(f.t_s[-1]), RIG.drive.ramp_s) for c, f in zip(conditions_of(strokes), flaps, strict=True)]
+
+
+def late(stroke: Stroke) -> Stroke:
+    return replace(stroke, streams={name: Stream(s.t_s + 1e-3 * LATE_MS, s.columns) for name, s in stroke.streams.items()})
+
+
+def found_late(rig: RigModel) -> tuple[Found, Found]:
+    """What is found in the leg and in the drive where all of the rig does everything 3 ms after it was told to."""
+    strokes = [late(stroke) for stroke in recorded(rig, THREE)]
+    flaps = [replace(f, turn=turn_of(c, True)) for c, f in zip(conditions_of(strokes), flaps_of(strokes), strict=True)]
+    leg = found_among(flaps, [""])
+    return leg, drive_found(body_of(flaps, leg, shafts_of(strokes, flaps)), leg, EFFECTS, lambda *_: None)
+
+
+def test_a_drive_that_is_late_lacks_nothing_and_is_told_to_be_late():
+    leg, drive = found_late(RIG)
+    decision = decided(drive, len(EFFECTS))
+    assert decision.verdict == "nothing missing"
+    (said,) = _late(verdicts_of(leg, nothing_missing(leg), drive, decision))
+    assert said.startswith("the drive does what it is told 3.0 ms late")
+
+
+def test_a_drive_that_sags_and_is_late_is_given_its_own_gains():
+    """A command that comes late is made up for by the integral alone, as a smaller proportional gain would have it."""
+    _, drive = found_late(replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=8.0, ki_Nm_per_rad=60.0),)))
+    decision = decided(drive, len(EFFECTS))
+    (effect,) = decision.effects
+    assert effect.id == "motor_speed_droop"
+    assert effect.parameters["kp_Nm_s_per_rad"].value == pytest.approx(8.0, rel=0.04)
+    assert effect.parameters["ki_Nm_per_rad"].value == pytest.approx(60.0, rel=0.04)

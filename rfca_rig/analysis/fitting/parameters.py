@@ -16,11 +16,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Supposed:
-    """What one simulation supposes: a rig, how much higher the rack stands than it was said to, and what the encoder reads too little."""
+    """What one simulation supposes: a rig, how much higher the rack stands than it was said to, what the encoder reads too little, and how
+    late the drive does what it is told.
+    """
 
     rig: RigModel
     height_offset_m: float = 0.0
     turn_offset_rad: float = 0.0
+    command_delay_s: float = 0.0
 
 
 @dataclass(frozen=True)
