@@ -21,7 +21,7 @@ from rfca_rig.diagnosis.search import Found, Progress, searched
 from rfca_rig.diagnosis.stages import HOLD_S, StageTable, stage_tables
 from rfca_rig.diagnosis.strokes import FlapCondition, flap_condition, turn_of
 from rfca_rig.diagnosis.summing_up import summed_up
-from rfca_rig.diagnosis.turns import ShaftCondition, shaft_condition, turns_as_commanded
+from rfca_rig.diagnosis.turns import ShaftCondition, is_only_late, shaft_condition, turns_as_commanded
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import Effect
@@ -51,6 +51,11 @@ class Body:
     coordinates: Coordinates
     remarks: tuple[str, ...]
 
+    @property
+    def drive_is_at_fault(self) -> bool:
+        """Whether the shaft did something else than it was told, and not only later."""
+        return not self.as_commanded and not all(is_only_late(shaft, self.rig.drive.ramp_s) for shaft in self.shafts)
+
 
 @dataclass(frozen=True)
 class Verdicts:
@@ -75,7 +80,7 @@ def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits
     evidence = evidence_of([*body.flaps, *tables])
     effects, of_drive = looked_for(_candidates(body), without), looked_for(map(catalogue().__getitem__, SEEN_ON_THE_SHAFT), without)
     leg = searched(evidence, body.coordinates, effects, progress, body.as_commanded)
-    drive = None if body.as_commanded or not body.shafts else drive_found(body, leg, of_drive, progress)
+    drive = drive_found(body, leg, of_drive, progress) if body.drive_is_at_fault else None
     verdicts = Verdicts(leg, decided(leg, len(effects)), drive, None if drive is None else decided(drive, len(of_drive)))
     progress("summing up", 0.97)
     found = summed_up(body, verdicts, effects, limits)

@@ -16,6 +16,7 @@ from rfca_rig.diagnosis.next_experiment import next_experiment
 from rfca_rig.diagnosis.result import Diagnosis, Gate, NamedEffect, NotSeen, Overlay, Rival, Value, Verdict
 from rfca_rig.diagnosis.screening import projection_of
 from rfca_rig.diagnosis.search import Found, Hypothesis
+from rfca_rig.diagnosis.turns import late_s
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import PresentEffect
@@ -59,7 +60,7 @@ def summed_up(body: "Body", verdicts: "Verdicts", effects: Sequence[Effect], lim
         held_out=held_out(leg, accepted),
         valley=valley_errors(body.flaps, leg.believed.coordinates.supposed(leg.believed.x), after, bool(drive_effects)),
         unexplained=(*_unexplained(verdict, verdicts), *_free_form(verdicts)),
-        remarks=(*body.remarks, *_remarks(body, leg), *_late(verdicts)),
+        remarks=(*body.remarks, *_remarks(body, leg), *_late(body, verdicts)),
         next_experiment=next_experiment(body, verdicts, _enough(body), limits),
         believed_values=_values(accepted),
         overlays=(*overlays(leg, accepted), *_of_drive(verdict, verdicts)),
@@ -175,13 +176,16 @@ def _remarks(body: "Body", leg: Found) -> tuple[str, ...]:
     return (*channel, *shaft)
 
 
-def _late(verdicts: "Verdicts") -> tuple[str, ...]:
+def _late(body: "Body", verdicts: "Verdicts") -> tuple[str, ...]:
     """How late the drive does what it is told, where that shows: a gain that is fitted without it is wrong."""
-    if verdicts.drive_decision is None:
+    if body.as_commanded:
         return ()
-    late_ms = _values(verdicts.drive_decision.accepted)["command_delay"]
-    said = f"the drive does what it is told {late_ms.value:.1f} ms late (standard deviation {late_ms.std:.1f} ms)"
-    return (said,) if late_ms.value > SHOWS * late_ms.std else ()
+    if verdicts.drive_decision is None:
+        late_ms = 1e3 * float(np.mean([late_s(shaft, body.rig.drive.ramp_s) for shaft in body.shafts]))
+        return (f"but for being {late_ms:.1f} ms late the drive does what it is told",)
+    fitted_ms = _values(verdicts.drive_decision.accepted)["command_delay"]
+    said = f"the drive does what it is told {fitted_ms.value:.1f} ms late (standard deviation {fitted_ms.std:.1f} ms)"
+    return (said,) if fitted_ms.value > SHOWS * fitted_ms.std else ()
 
 
 def _values(hypothesis: Hypothesis) -> Mapping[str, Value]:

@@ -18,6 +18,7 @@ Floats = NDArray[np.float64]
 SIGNAL = "shaft_angle_rad"
 BIN_S = 0.010
 AS_COMMANDED_RAD = 0.003  # rms: what 1 ms of delay at 3 rad/s makes, and no leg notices
+BUT_LATE_RAD = 0.002  # rms beside what a delay makes
 SMALLEST_SCALE_RAD = 0.1  # a model error of 1 % is then a milliradian at least, which no leg notices
 
 
@@ -49,6 +50,15 @@ class ShaftCondition:
         stood_rad = float(stroke.shaft_angle_rad[self.t_s <= max(0.0, float(self.t_s[0]))].mean())
         return self._binned(stroke.shaft_angle_rad - stood_rad - motion.angle_rad(self.t_s) + self.start_rad)
 
+    @property
+    def away_rad(self) -> Floats:
+        """By how much it turned further than told, (b,), mean over the repeats."""
+        return np.asarray(self.repeats.mean(axis=0))
+
+    def told_rad_s(self, ramp_s: float) -> Floats:
+        """The commanded speed, (b,)."""
+        return self._binned(self.speed_rad_s * np.clip(self.t_s / ramp_s, 0.0, 1.0))
+
     def _binned(self, values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, self.first) / self._counts)
 
@@ -58,7 +68,7 @@ class ShaftCondition:
 
     def rows(self) -> Rows:
         """By how much the shaft has turned further than it was told."""
-        measured = self.repeats.mean(axis=0)
+        measured = self.away_rad
         middle = self._binned(self.t_s)
         scale = np.sqrt(measured**2 + (0.02 * np.gradient(measured, middle)) ** 2 + SMALLEST_SCALE_RAD**2)
         bins = len(measured)
@@ -104,4 +114,19 @@ def shaft_condition(condition: Condition, end_s: float, ramp_s: float) -> ShaftC
 
 def turns_as_commanded(shaft: ShaftCondition) -> bool:
     """Whether the shaft did what it was told, from where it stood."""
-    return float(np.sqrt(np.mean(shaft.repeats.mean(axis=0) ** 2))) < AS_COMMANDED_RAD
+    return _rms(shaft.away_rad) < AS_COMMANDED_RAD
+
+
+def is_only_late(shaft: ShaftCondition, ramp_s: float) -> bool:
+    """Whether the shaft did what it was told, though `late_s` later."""
+    return _rms(shaft.away_rad + late_s(shaft, ramp_s) * shaft.told_rad_s(ramp_s)) < BUT_LATE_RAD
+
+
+def late_s(shaft: ShaftCondition, ramp_s: float) -> float:
+    """How much later than told the shaft turned (least squares)."""
+    told_rad_s = shaft.told_rad_s(ramp_s)
+    return -float(told_rad_s @ shaft.away_rad) / float(told_rad_s @ told_rad_s)
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))

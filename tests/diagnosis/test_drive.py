@@ -10,7 +10,7 @@ from rfca_rig.diagnosis.diagnose import SEEN_ON_THE_SHAFT, drive_found
 from rfca_rig.diagnosis.search import Found
 from rfca_rig.diagnosis.strokes import turn_of
 from rfca_rig.diagnosis.summing_up import _late
-from rfca_rig.diagnosis.turns import shaft_condition
+from rfca_rig.diagnosis.turns import is_only_late, late_s, shaft_condition, turns_as_commanded
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.recording.form import Stream, Stroke
@@ -54,8 +54,23 @@ def test_a_drive_that_is_late_lacks_nothing_and_is_told_to_be_late():
     leg, drive = found_late(RIG)
     decision = decided(drive, len(EFFECTS))
     assert decision.verdict == "nothing missing"
-    (said,) = _late(verdicts_of(leg, nothing_missing(leg), drive, decision))
+    body = replace(body_of(drive.evidence.parts, leg, drive.evidence.parts), as_commanded=False)
+    (said,) = _late(body, verdicts_of(leg, nothing_missing(leg), drive, decision))
     assert said.startswith("the drive does what it is told 3.0 ms late")
+
+
+def test_a_shaft_that_is_only_late_is_no_case_for_the_drive():
+    strokes = [late(stroke) for stroke in recorded(RIG, THREE[:1])]
+    (shaft,) = shafts_of(strokes, flaps_of(strokes))
+    assert not turns_as_commanded(shaft)
+    assert is_only_late(shaft, RIG.drive.ramp_s)
+    assert late_s(shaft, RIG.drive.ramp_s) == pytest.approx(3e-3, rel=0.01)
+
+
+def test_a_shaft_that_sags_is_not_only_late():
+    strokes = recorded(replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=30.0, ki_Nm_per_rad=500.0),)), THREE[:1])
+    (shaft,) = shafts_of(strokes, flaps_of(strokes))
+    assert not is_only_late(shaft, RIG.drive.ramp_s)
 
 
 def test_a_drive_that_sags_and_is_late_is_given_its_own_gains():

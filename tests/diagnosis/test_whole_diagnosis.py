@@ -12,6 +12,7 @@ from rfca_rig.diagnosis.model_after import write_model_after
 from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import NOTHING, drawn_cases
 from rfca_rig.exam.designs import Design
+from rfca_rig.recording.form import Stream
 from rfca_rig.report.diagnosis_files import write_diagnosis
 
 SHORT = Design(tuple((height, speed) for height in (195.0, 215.0) for speed in (2.2, 3.0)), 2, (215.0,))
@@ -38,6 +39,17 @@ def test_where_nothing_was_left_out_nothing_is_claimed(tmp_path):
     assert not write_model_after(tmp_path / "model.toml", diagnosis, campaign(tmp_path / "again", {}))
     seen = {effect.id: effect.would_have_seen for effect in diagnosis.not_seen}
     assert seen["hinge_backlash"]["half_gap_deg"] < 0.5
+
+
+def test_a_drive_that_is_late_is_no_cause(tmp_path):
+    recording = campaign(tmp_path, {})
+    diagnosis = told(replace(recording, strokes=tuple(map(late, recording.strokes))))
+    assert diagnosis.verdict == "nothing missing"
+    assert "but for being 2.0 ms late the drive does what it is told" in diagnosis.remarks
+
+
+def late(stroke):
+    return replace(stroke, streams={name: Stream(s.t_s + 2e-3, s.columns) for name, s in stroke.streams.items()})
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,8 @@ EFFECT = Effect(
     law="tau = kp (w_c - w) + ki (theta_c - theta)",
     source="PI speed control of a rotor",
     parameters=(
-        Parameter("kp_Nm_s_per_rad", 0.5, 50.0),
-        Parameter("ki_Nm_per_rad", 1.0, 500.0, may_be_zero=False),
+        Parameter("kp_Nm_s_per_rad", 0.5, 200.0),
+        Parameter("ki_Nm_per_rad", 1.0, 5000.0, may_be_zero=False),
     ),
     apply=apply,
 )
