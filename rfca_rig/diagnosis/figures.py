@@ -12,6 +12,7 @@ from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.diagnosis.leaving_out import foretold_apart
 from rfca_rig.diagnosis.result import BeforeAfter, Overlay
+from rfca_rig.diagnosis.rows import rms
 from rfca_rig.diagnosis.search import Found, Hypothesis
 from rfca_rig.diagnosis.strokes import BOUNDED, FORCES, FlapCondition
 from rfca_rig.errors import SimulationFailed
@@ -30,7 +31,7 @@ def before_and_after(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeA
         here = (rows.signal == signal) & (rows.experiment == "dynamic")
         if here.any():
             figures[f"rms_{signal}"] = BeforeAfter(
-                _rms((rows.measured - found.believed.predicted)[here]), _rms((rows.measured - after)[here]), _rms(floor[here])
+                rms((rows.measured - found.believed.predicted)[here]), rms((rows.measured - after)[here]), rms(floor[here])
             )
     return figures
 
@@ -50,7 +51,7 @@ def held_out(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
     for signal in FORCES:
         here = (rows.signal == signal) & np.isin(rows.condition, dynamic)
         if here.any():
-            figures[f"held_out_rms_{signal}"] = BeforeAfter(_rms(before[here]), _rms(after[here]), _rms(floor[here]))
+            figures[f"held_out_rms_{signal}"] = BeforeAfter(rms(before[here]), rms(after[here]), rms(floor[here]))
     return figures
 
 
@@ -104,7 +105,3 @@ def overlays(found: Found, accepted: Hypothesis) -> tuple[Overlay, ...]:
         for number, label in enumerate(rows.labels)
         if label.experiment == "dynamic" and len(here := np.flatnonzero(rows.label == number))
     )
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2)))

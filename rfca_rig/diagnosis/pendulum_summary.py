@@ -11,6 +11,7 @@ from rfca_rig.diagnosis.detectable import not_seen
 from rfca_rig.diagnosis.leaving_out import foretold_apart
 from rfca_rig.diagnosis.pendulum_parts import BIN_S, WINDOW_S
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, NotSeen, Overlay, Value, Verdict
+from rfca_rig.diagnosis.rows import rms
 from rfca_rig.diagnosis.screening import projection_of
 from rfca_rig.diagnosis.search import PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN, Found, Hypothesis
 from rfca_rig.diagnosis.summing_up import present_effects
@@ -83,7 +84,7 @@ def _fit(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
     rows, after = found.evidence.rows, accepted.rows
     return {
         f"rms_{signal}": BeforeAfter(
-            _rms((rows.measured - found.believed.predicted)[here]), _rms((rows.measured - after)[here]), _rms(rows.noise[here])
+            rms((rows.measured - found.believed.predicted)[here]), rms((rows.measured - after)[here]), rms(rows.noise[here])
         )
         for signal, here in _signals(found)
     }
@@ -95,7 +96,7 @@ def _held_out(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
         return {}
     before, after = (_foretold_apart(found, hypothesis) for hypothesis in (found.nothing, accepted))
     noise = found.evidence.rows.noise
-    return {f"held_out_rms_{s}": BeforeAfter(_rms(before[h]), _rms(after[h]), _rms(noise[h])) for s, h in _signals(found)}
+    return {f"held_out_rms_{s}": BeforeAfter(rms(before[h]), rms(after[h]), rms(noise[h])) for s, h in _signals(found)}
 
 
 def _foretold_apart(found: Found, hypothesis: Hypothesis) -> Floats:
@@ -137,7 +138,3 @@ def _settings(found: Found, effects: Sequence[Effect]) -> Mapping[str, object]:
         "effects_tried": [effect.id for effect in effects],
         "prior": {"nothing missing": PRIOR_NOTHING, "unknown": PRIOR_UNKNOWN, "one effect": PRIOR_ONE, "two effects": PRIOR_TWO},
     }
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -75,3 +75,8 @@ def stacked(parts: list[Rows]) -> Rows:
 
 
 _PLAIN = ("measured", "noise", "scale", "jolt", "progress", "t_s", "phase")
+
+
+def rms(values: Floats) -> float:
+    """Root mean square of all of them."""
+    return float(np.sqrt(np.mean(values**2)))

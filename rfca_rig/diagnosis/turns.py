@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.repeats import Condition
-from rfca_rig.diagnosis.rows import Label, Rows
+from rfca_rig.diagnosis.rows import Label, Rows, rms
 from rfca_rig.diagnosis.strokes import BOUNDED
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.stroke import stroke_following
@@ -114,19 +114,15 @@ def shaft_condition(condition: Condition, end_s: float, ramp_s: float) -> ShaftC
 
 def turns_as_commanded(shaft: ShaftCondition) -> bool:
     """Whether the shaft did what it was told, from where it stood."""
-    return _rms(shaft.away_rad) < AS_COMMANDED_RAD
+    return rms(shaft.away_rad) < AS_COMMANDED_RAD
 
 
 def is_only_late(shaft: ShaftCondition, ramp_s: float) -> bool:
     """Whether the shaft did what it was told, though `late_s` later."""
-    return _rms(shaft.away_rad + late_s(shaft, ramp_s) * shaft.told_rad_s(ramp_s)) < BUT_LATE_RAD
+    return rms(shaft.away_rad + late_s(shaft, ramp_s) * shaft.told_rad_s(ramp_s)) < BUT_LATE_RAD
 
 
 def late_s(shaft: ShaftCondition, ramp_s: float) -> float:
     """How much later than told the shaft turned (least squares)."""
     told_rad_s = shaft.told_rad_s(ramp_s)
     return -float(told_rad_s @ shaft.away_rad) / float(told_rad_s @ told_rad_s)
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -81,11 +81,14 @@ class CubemarsMitMotor:
         while self._replies.missing() is not None:
             if self._clock.now_s() > deadline_s:
                 raise DeviceError(f"drive not enabled: within {self._settings.enable_timeout_s:g} s {self._replies.missing()}")
-            self._limp_speed_rad_s()
+            self._ask_limp()
 
-    def _limp_speed_rad_s(self) -> float:
+    def _ask_limp(self) -> None:
         self._send(self._last_word.limp().data)
         self._wait_and_drain()
+
+    def _limp_speed_rad_s(self) -> float:
+        self._ask_limp()
         return self._replies.speed_rad_s
 
     def _refuse_if_moved(self, began_rad: float) -> None:

@@ -1,6 +1,7 @@
 """Rivals built by hand: a leg that lacks one thing, recorded, and the hypotheses that a test names, each at its best point."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +42,11 @@ def recorded(rig: RigModel, conditions: Sequence[tuple[float, float]], with_shaf
         shaft = {"shaft_angle_rad": Column(found.shaft_angle_rad + 1e-5 * random.standard_normal(len(t_s)), "rad")} if with_shaft else {}
         strokes.append(Stroke(1e-3 * height_mm, speed_rad_s, 1, {"table": Stream(t_s, noisy | shaft)}))
     return strokes
+
+
+def late(stroke: Stroke, late_s: float) -> Stroke:
+    """The same, had the rig done everything that much later than it was told to."""
+    return replace(stroke, streams={name: Stream(s.t_s + late_s, s.columns) for name, s in stroke.streams.items()})
 
 
 def flaps_of(strokes: Sequence[Stroke]) -> tuple[FlapCondition, ...]:

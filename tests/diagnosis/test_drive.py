@@ -13,8 +13,7 @@ from rfca_rig.diagnosis.summing_up import _late
 from rfca_rig.diagnosis.turns import is_only_late, late_s, shaft_condition, turns_as_commanded
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.recording.form import Stream, Stroke
-from tests.diagnosis.by_hand import RIG, body_of, flaps_of, found_among, nothing_missing, present, recorded, verdicts_of
+from tests.diagnosis.by_hand import RIG, body_of, flaps_of, found_among, late, nothing_missing, present, recorded, verdicts_of
 
 THREE = ((215.0, 2.433), (215.0, 3.249), (235.0, 2.478))
 EFFECTS = [catalogue()[name] for name in SEEN_ON_THE_SHAFT]
@@ -31,20 +30,16 @@ def test_a_drive_that_sags_is_looked_for_though_the_forces_look_a_little_like_a_
     assert drive.named[0].ids == ("motor_speed_droop",)
 
 
-LATE_MS = 3.0
+LATE_S = 3e-3
 
 
 def shafts_of(strokes, flaps):
     return [shaft_condition(c, float(f.t_s[-1]), RIG.drive.ramp_s) for c, f in zip(conditions_of(strokes), flaps, strict=True)]
 
 
-def late(stroke: Stroke) -> Stroke:
-    return replace(stroke, streams={name: Stream(s.t_s + 1e-3 * LATE_MS, s.columns) for name, s in stroke.streams.items()})
-
-
 def found_late(rig: RigModel) -> tuple[Found, Found]:
     """What is found in the leg and in the drive where all of the rig does everything 3 ms after it was told to."""
-    strokes = [late(stroke) for stroke in recorded(rig, THREE)]
+    strokes = [late(stroke, LATE_S) for stroke in recorded(rig, THREE)]
     flaps = [replace(f, turn=turn_of(c, True)) for c, f in zip(conditions_of(strokes), flaps_of(strokes), strict=True)]
     leg = found_among(flaps, [""])
     return leg, drive_found(body_of(flaps, leg, shafts_of(strokes, flaps)), leg, EFFECTS, lambda *_: None)
@@ -60,7 +55,7 @@ def test_a_drive_that_is_late_lacks_nothing_and_is_told_to_be_late():
 
 
 def test_a_shaft_that_is_only_late_is_no_case_for_the_drive():
-    strokes = [late(stroke) for stroke in recorded(RIG, THREE[:1])]
+    strokes = [late(stroke, LATE_S) for stroke in recorded(RIG, THREE[:1])]
     (shaft,) = shafts_of(strokes, flaps_of(strokes))
     assert not turns_as_commanded(shaft)
     assert is_only_late(shaft, RIG.drive.ramp_s)

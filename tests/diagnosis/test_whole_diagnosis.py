@@ -12,8 +12,8 @@ from rfca_rig.diagnosis.model_after import write_model_after
 from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import NOTHING, drawn_cases
 from rfca_rig.exam.designs import Design
-from rfca_rig.recording.form import Stream
 from rfca_rig.report.diagnosis_files import write_diagnosis
+from tests.diagnosis.by_hand import late
 
 SHORT = Design(tuple((height, speed) for height in (195.0, 215.0) for speed in (2.2, 3.0)), 2, (215.0,))
 
@@ -43,13 +43,9 @@ def test_where_nothing_was_left_out_nothing_is_claimed(tmp_path):
 
 def test_a_drive_that_is_late_is_no_cause(tmp_path):
     recording = campaign(tmp_path, {})
-    diagnosis = told(replace(recording, strokes=tuple(map(late, recording.strokes))))
+    diagnosis = told(replace(recording, strokes=tuple(late(stroke, 2e-3) for stroke in recording.strokes)))
     assert diagnosis.verdict == "nothing missing"
     assert "but for being 2.0 ms late the drive does what it is told" in diagnosis.remarks
-
-
-def late(stroke):
-    return replace(stroke, streams={name: Stream(s.t_s + 2e-3, s.columns) for name, s in stroke.streams.items()})
 
 
 @pytest.mark.parametrize(
