@@ -19,11 +19,13 @@ class GroundLaw(NamedTuple):
 
     stiffness: float
     damping: float
+    leaving_damping: float
     mu: float
     presliding: float
     drag: float
     radius: float
     lever: float
+    lever_rise: float
     depth: float
 
 
@@ -44,20 +46,23 @@ def ground_law(rig: RigModel, height_m: float) -> GroundLaw:
     return GroundLaw(
         g.stiffness_N_per_m1p5,
         g.damping_s_per_m,
+        g.damping_s_per_m * g.leaving_damping_share,
         g.friction_coefficient,
         g.presliding_m,
         g.drag_N_s_per_m,
         rig.leg.link_radius_m,
         rig.friction_lever_m,
+        g.friction_rise_share,
         height_m,
     )
 
 
 @compiled
-def push(law: GroundLaw, ends: Ends, anchor: Floats, step_begins: bool, contact: Floats) -> None:
+def push(law: GroundLaw, ends: Ends, ties: Floats, step_begins: bool, contact: Floats) -> None:
     """Writes the ground's push into `ends.wrench` (force, torque about the centre of mass) and `contact` (2, n) = N, F.
 
-    Where a step begins, the anchors of sliding ends follow and those of ends in the air wait below them.
+    `ties` (n, 3): the anchor of each end, and its link's angle and indentation where the step began. There the anchors of sliding ends
+    follow and those of ends in the air wait below them.
     """
     angle = 0.0
     for k in range(ends.hinge_angle.size):
@@ -67,16 +72,20 @@ def push(law: GroundLaw, ends: Ends, anchor: Floats, step_begins: bool, contact:
         v_x = ends.velocity[k + 1, 3] + turning * (z - ends.origin[2])
         v_z = ends.velocity[k + 1, 5] - turning * (x - ends.origin[0])
         indentation = max(law.radius - z - law.depth, 0.0)
-        N = law.stiffness * indentation**1.5 * max(1.0 - law.damping * v_z, 0.0)
-        rolled = x - law.lever * angle
+        damping = law.damping if v_z < 0.0 else law.leaving_damping
+        N = law.stiffness * indentation**1.5 * max(1.0 - damping * v_z, 0.0)
+        arm = law.lever - law.lever_rise * indentation
+        less = 0.5 * law.lever_rise * (ties[k, 2] + indentation) * (angle - ties[k, 1])
+        off = x - law.lever * angle + less - ties[k, 0]
         if step_begins:
             reach = law.presliding if N > 0.0 else 0.0
-            anchor[k] = min(max(anchor[k], rolled - reach), rolled + reach)
+            held = min(max(off, -reach), reach)
+            ties[k, 0], ties[k, 1], ties[k, 2] = ties[k, 0] + off - held - less, angle, indentation
+            off = held
         F = 0.0
         if indentation > 0.0:
-            held = (anchor[k] - rolled) / law.presliding
-            F = law.mu * N * min(max(held, -1.0), 1.0) - law.drag * (v_x - law.lever * turning)
+            F = -law.mu * N * min(max(off / law.presliding, -1.0), 1.0) - law.drag * (v_x - arm * turning)
         contact[0, k], contact[1, k] = N, F
         wrench, centre = ends.wrench[k + 1], ends.mass_centre[k + 1]
         wrench[0], wrench[2] = F, N
-        wrench[4] = (z - law.lever - centre[2]) * F - (x - centre[0]) * N
+        wrench[4] = (z - arm - centre[2]) * F - (x - centre[0]) * N

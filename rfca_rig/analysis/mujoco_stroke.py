@@ -99,12 +99,13 @@ def _pushed_by_ground(rig: RigModel, height_m: float, leg: MujocoLeg, contact: F
     data = leg.data
     ends = Ends(data.site_xpos, data.xipos, data.subtree_com[1], data.cvel, data.qpos, data.xfrc_applied)
     law = ground_law(rig, height_m)
-    anchor = data.site_xpos[:, 0] - law.lever * np.cumsum(data.qpos)
+    angle = np.cumsum(data.qpos)
+    ties = np.column_stack([data.site_xpos[:, 0] - law.lever * angle, angle, np.zeros_like(angle)])
     step_begins = True
 
     def ask(*_: object) -> None:
         nonlocal step_begins
-        push(law, ends, anchor, step_begins, contact)
+        push(law, ends, ties, step_begins, contact)
         step_begins = False
 
     def begin() -> None:

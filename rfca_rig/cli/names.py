@@ -21,6 +21,8 @@ FIT_PARAMETERS = (
     "contact_damping",
     "presliding",
     "friction_lever",
+    "friction_rise",
+    "leaving_damping",
     "tangential_damping",
     "below_shaft",
     "ramp",

@@ -43,6 +43,8 @@ def _ground(ground: GroundSection) -> Ground:
         presliding_m=ground.presliding_mm / 1e3,
         drag_N_s_per_m=ground.tangential_damping_N_s_per_m,
         friction_lever_m=None if ground.friction_lever_mm is None else ground.friction_lever_mm / 1e3,
+        friction_rise_share=ground.friction_rise_share,
+        leaving_damping_share=ground.leaving_damping_share,
     )
 
 

@@ -81,6 +81,11 @@ class Coordinates:
     def size(self) -> int:
         return self.nuisances + sum(len(choice.free) for choice in self.choices)
 
+    @property
+    def same_as(self) -> list[str]:
+        """For each parameter of the choices the nuisance that does just the same, empty where there is none."""
+        return [choice.effect.same_as for choice in self.choices for _ in choice.free]
+
     def part(self, number: int) -> slice:
         """Where the parameters of a choice stand."""
         begin = self.nuisances + sum(len(choice.free) for choice in self.choices[:number])

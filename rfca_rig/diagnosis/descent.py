@@ -147,7 +147,8 @@ class Descent:
         step = x - here.x
         surprise = predicted - here.predicted - here.slope @ step
         wrong = step * (SLOPES_ERR * here.size) ** 2
-        return replace(here, slope=here.slope + np.outer(surprise, wrong / (float(step @ wrong) + ROUGH**2)))
+        slope = here.slope + np.outer(surprise, wrong / (float(step @ wrong) + ROUGH**2))
+        return replace(here, slope=self._aligned(here.coordinates, slope))
 
     def _renewed(self, here: Fitted, x: Floats, predicted: Floats) -> Fitted:
         """At x, all slopes updated, those of the effects' parameters by differences."""
@@ -158,16 +159,17 @@ class Descent:
         return replace(here, x=x, predicted=predicted, slope=self._aligned(here.coordinates, slope))
 
     def _aligned(self, coordinates: Coordinates, slope: Floats) -> Floats:
-        """Nuisances that do all but the same as an effect, as a rack's height, made to do just the same.
+        """Nuisances that do the same as an effect, as a rack's height, or all but the same, made to do just that.
 
         Their slopes are differences over other steps; the data must not seem to tell apart what only the prior does.
         """
         size = slope / self.evidence.rows.noise[:, None]
         norm = np.maximum(np.linalg.norm(size, axis=0), 1e-300)
+        same = coordinates.same_as
         for effect in range(coordinates.nuisances, coordinates.size):
             for nuisance in range(coordinates.nuisances):
                 alike = float(size[:, effect] @ size[:, nuisance]) / (norm[effect] * norm[nuisance])
-                if abs(alike) > ALIKE:
+                if abs(alike) > ALIKE or same[effect - coordinates.nuisances] == coordinates.space.names[nuisance]:
                     slope[:, nuisance] = slope[:, effect] * alike * norm[nuisance] / norm[effect]
         return slope
 

@@ -144,6 +144,7 @@ def _foretold(found: Found, best: Hypothesis) -> Gate:
     share = max(float(np.mean(gains > 0.0)), share_by_size(gains) if float(after.mean()) < AS_USUAL else 0.0)
     least = _least_left(found)
     down = comes_down(float(before.mean()), float(after.mean()), least)
+    down = down or (float(before.mean()) <= AS_USUAL and _relieves(best, found.nothing))
     well = down and float(after.mean()) <= FORETOLD_TO and not vetoed(before, after, floor)
     text = f"{100 * share:.0f} % of {len(gains)} conditions are foretold better from the others; rms {before.mean():.2f} -> "
     text += f"{after.mean():.2f} of what a usual model error explains, {least:.2f} for the best of models"

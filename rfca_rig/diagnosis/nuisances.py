@@ -9,7 +9,8 @@ import numpy as np
 from rfca_rig.analysis.fitting.parameters import PARAMETERS, Parameter, Space, Supposed, space_of
 from rfca_rig.model.parameters import RigModel, Swing
 
-SELDOM_MEASURED = ("presliding", "tangential_damping", "friction_lever")  # how a floor ties and drags a point beside mu N, and where
+# how a floor ties and drags a point beside mu N, how high in a deep print, and what it damps of a point that leaves
+SELDOM_MEASURED = ("presliding", "tangential_damping", "friction_rise", "leaving_damping")
 LATE_MS = 2.0  # an adapter, a bus and a drive's own cycle; a gain of its loop does much the same
 SAGS = 0.3  # a leg let go straight half a second before still swings by a third of its sag
 SAGS_PER_S = 25.0  # the same as a speed, at the 13 Hz of the paper's leg

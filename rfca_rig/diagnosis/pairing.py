@@ -12,15 +12,15 @@ from rfca_rig.diagnosis.second_look import explains
 BUILT_ON = 2  # effects that pairs are built on
 HOPELESS = 500.0  # log evidence behind the best effect, below which no pair is built on one
 PARTNERS = 4  # partners refined for each
-CLEARLY_NEEDED = 80.0  # log evidence at the usual model error that a second effect must add to one that fits well: less, and it may be
-# the law of the first that is not quite the real one
+CLEARLY_NEEDED = 120.0  # log evidence that a second effect must add to one that fits well: less, and the first's law may be a little off
+CLEARLY_PROMISES = 60.0  # chi2 that it takes away beside the first as that stands; it takes several times as much once all have moved
 
 
 def paired(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Sequence[Trial]) -> list[Fitted]:
     """Partners for the best effects, screened by what they would do to a leg that has the first one already.
 
     Where nothing is missing none is sought, and none beside the second best effect once a pair explains everything; beside an effect that
-    fits well only what promises much more than its law could be wrong by.
+    fits well only what is worth much more than its law could be wrong by.
     """
     ranked = sorted(singles, key=descent.log_evidence, reverse=True)
     if not ranked or descent.judged(base).fits_well(base.coordinates.nuisances):
@@ -30,9 +30,12 @@ def paired(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Se
         own = ids_of(single)
         others = {(t.choice.effect.id, t.choice.whole): t.choice for t in trials if t.choice.effect.id not in own}
         looks = tried(descent.evidence, single, list(others.values()))
-        groups = worth_trying(descent, single, looks, PARTNERS, _least(descent, single))
+        well = descent.judged(single).fits_well(single.coordinates.nuisances)
+        groups = worth_trying(descent, single, looks, PARTNERS, CLEARLY_PROMISES if well else WORTH_A_FIT)
         new = {frozenset((*own, group[0].choice.effect.id)): group for group in reversed(groups)}
-        pairs = refined(descent, single, [group for ids, group in new.items() if ids not in found])
+        least = descent.log_evidence(single) + CLEARLY_NEEDED if well else -np.inf
+        fits = refined(descent, single, [group for ids, group in new.items() if ids not in found])
+        pairs = [pair for pair in fits if descent.log_evidence(pair) >= least]
         found |= {frozenset(ids_of(pair)): pair for pair in pairs}
         if pairs and explains(descent, max(pairs, key=descent.log_evidence)):
             break
@@ -44,11 +47,6 @@ def _built_on(descent: Descent, ranked: Sequence[Fitted]) -> list[Fitted]:
     best = descent.judged(ranked[0])
     many = 1 if best.fits_well(ranked[0].coordinates.nuisances) else BUILT_ON
     return [single for single in ranked[:many] if descent.log_evidence(single) >= best.log_evidence - HOPELESS]
-
-
-def _least(descent: Descent, single: Fitted) -> float:
-    """The chi2 that a partner must promise to take away."""
-    return 2.0 * CLEARLY_NEEDED if descent.judged(single).fits_well(single.coordinates.nuisances) else WORTH_A_FIT
 
 
 def no_worse_than_nested(descent: Descent, base: Fitted, singles: Sequence[Fitted], pairs: Sequence[Fitted]) -> list[Fitted]:

@@ -13,7 +13,7 @@ from rfca_rig.diagnosis.descent import Descent, Fitted
 from rfca_rig.diagnosis.evidence import THREADS, Evidence
 from rfca_rig.diagnosis.handing_over import handed_over
 from rfca_rig.diagnosis.judging import Judge, Judgement, judge_of
-from rfca_rig.diagnosis.pairing import ids_of, no_worse_than_nested, paired, without
+from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED, ids_of, no_worse_than_nested, paired, without
 from rfca_rig.diagnosis.refining import refined, worth_trying
 from rfca_rig.diagnosis.scatter import Scatter, scatter_of
 from rfca_rig.diagnosis.screening import Trial, choices_of, tried
@@ -109,8 +109,7 @@ def searched(
     progress("weighing", 0.9)
     if not standing.learnt:
         standing = _learnt_anew(standing, standing.best, stopped_as_told)
-    singles = no_worse_than_nested(standing.descent, standing.base, standing.singles, standing.pairs)
-    found = _weighed(replace(standing, singles=tuple(singles)), trials, len(effects))
+    found = _weighed(_with_parts_again(standing, trials), trials, len(effects))
     return replace(found, believed=standing.descent.at(coordinates, believed.x, believed.slope) or believed)
 
 
@@ -157,6 +156,17 @@ def _with_pairs(standing: _Standing, trials: Sequence[Trial]) -> _Standing:
     descent, singles = standing.descent, standing.singles
     pairs = [] if _all_lost(descent, singles) else paired(descent, standing.base, singles, trials)
     return replace(standing, pairs=tuple(_best_polished(descent, pairs)))
+
+
+def _with_parts_again(standing: _Standing, trials: Sequence[Trial]) -> _Standing:
+    """The parts of the best pair fitted again; pairs are built anew where that shows an effect in a much better light than it stood in."""
+    descent = standing.descent
+    singles = no_worse_than_nested(descent, standing.base, standing.singles, standing.pairs)
+    best, before = (max(map(descent.log_evidence, fits), default=-np.inf) for fits in (singles, standing.singles))
+    again = replace(standing, singles=tuple(singles))
+    if best < before + CLEARLY_NEEDED:
+        return again
+    return replace(again, pairs=tuple(_each_at_its_best(descent, [*standing.pairs, *_with_pairs(again, trials).pairs])))
 
 
 def _with_pairs_from_belief(standing: _Standing, belief: Belief, stopped_as_told: bool) -> _Standing:

@@ -37,6 +37,7 @@ DEFAULT_NUMBERS: Mapping[str, int] = {
 }
 
 LEVELS = 5
+LATEST_S = 3e-3  # an adapter, a bus and the drive's own cycle
 # the second of each cannot be told from the first by a model that has one coordinate for both
 NEVER_TOGETHER = ({"motor_speed_droop", "shaft_compliance"}, {"sensor_lag", "clock_offset"})
 
@@ -47,8 +48,8 @@ Values = dict[str, float]
 class Case:
     """One campaign to be written. `effects` are of the catalogue, `strangers` of none; by id, with their parameters.
 
-    `strength` is from 0, hardly visible, to 1; `model_error` the share of structured error; `mislabelled` names what the campaign's own
-    file says wrongly; `seed` decides scatter and noise.
+    `strength` is from 0, hardly visible, to 1; the drive does what it is told `late_s` late; `model_error` is the share of structured
+    error; `mislabelled` names what the campaign's own file says wrongly; `seed` decides scatter and noise.
     """
 
     id: str
@@ -59,6 +60,7 @@ class Case:
     effects: Mapping[str, Values] = field(default_factory=dict)
     strangers: Mapping[str, Values] = field(default_factory=dict)
     strength: float = 0.0
+    late_s: float = 0.0
     model_error: float = 0.0
     structured: Structured | None = None
     uneven: Uneven | None = None
@@ -88,8 +90,10 @@ def shared_out(total: int) -> dict[str, int]:
 
 def _drawn(kind: str, i: int, random: np.random.Generator) -> Case:
     design = PAPER_CONDITIONS if random.random() < 0.2 else THREE_BY_THREE
-    off = OffBy() if kind == NOTHING and i % 2 == 0 else drawn_off(random)
-    case = Case(id="", kind=kind, seed=int(random.integers(2**31)), design=design, off=off)
+    as_believed = kind == NOTHING and i % 2 == 0
+    late_s = 0.0 if as_believed else float(random.spawn(1)[0].uniform(0.0, LATEST_S))
+    off = OffBy() if as_believed else drawn_off(random)
+    case = Case(id="", kind=kind, seed=int(random.integers(2**31)), design=design, off=off, late_s=late_s)
     if kind not in (NOTHING, POOR_DATA) and (kind == MODEL_ERROR or random.random() < 0.5):
         share = float(random.uniform(0.005, 0.02)) if kind == MODEL_ERROR else 0.005
         case = replace(case, model_error=share, structured=drawn_structured(share, random))

@@ -9,7 +9,7 @@ from rfca_rig.exam.engine_hinge import dahl
 
 Floats = NDArray[np.float64]
 
-# entries of `floor` (19)
+# entries of `floor` (20)
 (
     STIFFNESS,
     DAMPING,
@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
     PRESLIDING,
     DRAG,
     LEVER,
+    LEVER_POWER,
     RISE,
     RISE_SPEED,
     BACKWARD,
@@ -30,8 +31,9 @@ Floats = NDArray[np.float64]
     MAGNET,
     REACH,
     HEIGHT,
-) = range(19)
+) = range(20)
 
+TYPICAL_DEPTH_M = 3e-3  # under the paper's loads; laws of other powers are compared there
 HOLD_M = 2e-4  # depth over which adhesion takes hold
 ELASTIC_SHARE = 0.7  # of the way to full friction that a straight line of the first slope would take
 
@@ -69,6 +71,14 @@ def elevation(floor: Floats, y: float) -> tuple[float, float]:
 
 
 @compiled
+def less_lever(floor: Floats, depth: float) -> float:
+    """How much higher than at its lowest point friction acts on a circle that is so deep."""
+    if floor[LEVER_POWER] == 1.0:
+        return float(floor[LEVER] * depth)
+    return float(floor[LEVER] * TYPICAL_DEPTH_M * (depth / TYPICAL_DEPTH_M) ** floor[LEVER_POWER])
+
+
+@compiled
 def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: float, keep: bool, load: Floats) -> None:
     """Adds the floor's forces at all ends to `load`; with `keep`, brings `used` (n,), the friction in use, up to date instead."""
     n = load.shape[1]
@@ -83,7 +93,7 @@ def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: flo
                 used[k] = 0.0
             continue
         rate = pose[VY, k + 1] * sin + pose[VD, k + 1] * cos
-        lever = radius - floor[LEVER] * depth
+        lever = radius - less_lever(floor, depth)
         slip = pose[VY, k + 1] * cos - pose[VD, k + 1] * sin - lever * pose[SPIN, k]
         share = dahl(used[k], slip * seconds, ELASTIC_SHARE * floor[PRESLIDING])
         if keep:

@@ -36,6 +36,7 @@ def world_of(case: Case, height_m: float, scatter: Scatter, repeat: int, stronge
     world = moved(believed_world(height_m), case.off)
     if case.structured is not None:
         world = distorted(world, case.structured)
+    world = replace(world, drive=replace(world.drive, late_s=case.late_s))
     world = really(_scattered(world, scatter), case.mislabelled)
     damping = world.hinges.damping_Nm_s_per_rad
     for effect, values in case.effects.items():

@@ -4,9 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rfca_rig.exam.engine_floor import TYPICAL_DEPTH_M
 from rfca_rig.exam.world import HINGES, LINKS, Floor, World
 
-TYPICAL_DEPTH_M = 3e-3  # under the paper's loads; there a law of another exponent gives the same force
+MOST_POWER = 1.25
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class Structured:
     two_sided: bool
     presliding_factor: float
     lever_share: float
+    lever_power: float
 
 
 def drawn_structured(share: float, random: np.random.Generator) -> Structured:
@@ -35,6 +37,7 @@ def drawn_structured(share: float, random: np.random.Generator) -> Structured:
         two_sided=bool(random.random() < 0.3),
         presliding_factor=float(2.0 ** random.uniform(-1.0, 1.0)),
         lever_share=float(random.choice([0.0, 0.5, 1.0])),
+        lever_power=float(MOST_POWER ** random.spawn(1)[0].uniform(-1.0, 1.0)),
     )
 
 
@@ -61,6 +64,7 @@ def _reshaped(floor: Floor, error: Structured) -> Floor:
         two_sided=error.two_sided,
         presliding_m=floor.presliding_m * error.presliding_factor,
         lever_share=error.lever_share,
+        lever_power=error.lever_power,
     )
 
 

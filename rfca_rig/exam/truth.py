@@ -39,6 +39,7 @@ def truth_of(case: Case) -> dict[str, Any]:
         "left_of_each": {effect: _rounded(alone.left) for effect, alone in each.items()},
         "above_of_each": {effect: _rounded(alone.above) for effect, alone in each.items()},
         "believed_off_by": asdict(case.off),
+        "late_s": case.late_s,
         "model_error": case.model_error,
         "structured": asdict(case.structured) if case.structured else None,
         "uneven": asdict(case.uneven) if case.uneven else None,

@@ -55,7 +55,8 @@ class Floor:
     Normal force stiffness depth^exponent (1 + damping * rate), the rate of separation counts too unless not `two_sided`.
     Friction mu N at the limit, reached over `presliding`; a viscous share beside it. `mu_backward_share` times mu for slip to -y.
     The floor rises by `slope`, and by a bump of Gaussian shape. `adhesion` pulls while touching; `magnet` pulls the tip from afar,
-    half as strong at `magnet_reach / 2.41`, a quarter at `magnet_reach`. `lever_share` of the depth is taken off the lever of friction.
+    half as strong at `magnet_reach / 2.41`, a quarter at `magnet_reach`. `lever_share` of the depth is taken off the lever of friction at
+    a typical depth; `lever_power` says how that grows with the depth.
     """
 
     stiffness: float
@@ -66,6 +67,7 @@ class Floor:
     presliding_m: float = 1e-4
     drag_N_s_per_m: float = 2.0
     lever_share: float = 0.0
+    lever_power: float = 1.0
     stribeck_rise: float = 0.0
     stribeck_m_s: float = 1.0
     mu_backward_share: float = 1.0
@@ -83,7 +85,7 @@ class DriveOf:
     """What turns the leg. Stiff unless said otherwise; `kp` > 0 puts a rotor under PI control of its speed.
 
     `shaft_Nm_per_rad` > 0 is a twist between motor and leg, with play `shaft_gap` on either side. `cable_Nm` drags against the turn.
-    `ramp_s` is how long the command takes to reach its speed.
+    `ramp_s` is how long the command takes to reach its speed, and `late_s` how long it takes to reach the drive.
     """
 
     start_angle_rad: float
@@ -97,6 +99,7 @@ class DriveOf:
     ripple_share: float = 0.0
     ripple_cycles: float = 1.0
     cable_Nm: float = 0.0
+    late_s: float = 0.0
 
 
 @dataclass(frozen=True)

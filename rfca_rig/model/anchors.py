@@ -8,6 +8,7 @@ therefore cut short right behind a turn, and the anchors are put where the end h
 import numpy as np
 
 from rfca_rig.model.compiled import inlined
+from rfca_rig.model.contact import less_rolled
 from rfca_rig.model.state import Chain, Floats, State, Work
 
 MISSED_SHARE = 0.02  # of the presliding: how far an end may go back unnoticed; that share of mu N is wrong for the step
@@ -44,7 +45,8 @@ def tie_anchors(chain: Chain, state: State, h: float, q: Floats, work: Work) -> 
     y = q[chain.length.size] * chain.floor_sin if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
-        s = y - chain.lever * q[k]
+        less = less_rolled(chain, state, k, q, work)
+        s = y - chain.lever * q[k] + less
         depth, rate, slip = work.place[k, 0], work.place[k, 1], work.place[k, 3]
         reach, tied = (chain.presliding if depth > 0.0 else 0.0), state.anchor[k]
         back = went_back(chain, h, k, work)
@@ -55,7 +57,7 @@ def tie_anchors(chain: Chain, state: State, h: float, q: Floats, work: Work) -> 
         elif depth > 0.0 and work.ends[k, 0] <= 0.0:
             tied = s - slip * (min(depth / rate, h) if rate > 0.0 else h)
             changed = True
-        state.anchor[k] = min(max(tied, s - reach), s + reach)
+        state.anchor[k] = min(max(tied, s - reach), s + reach) - less
     note_ends(chain, state, q, work)
     return changed
 

@@ -22,6 +22,13 @@ def normal_force(stiffness: float, damping: float, depth: float, rate: float) ->
 
 
 @inlined
+def plain_normal_force(chain: Chain, depth: float, rate: float) -> tuple[float, float, float]:
+    """Of the believed floor, which may damp an end that leaves otherwise than one that enters."""
+    damping = chain.contact_damping if rate > 0.0 else chain.leaving_damping
+    return normal_force(chain.contact_stiffness, damping, depth, rate)
+
+
+@inlined
 def added_normal_force(laws: Laws, depth: float, rate: float, work: Work) -> tuple[float, float, float]:
     """What effects add to it."""
     x, out = work.x, work.out
@@ -67,6 +74,17 @@ def tangential_force(
 
 
 @inlined
+def less_rolled(chain: Chain, state: State, k: int, q: Floats, work: Work) -> float:
+    """By how much less than with the whole lever end k, located in `work`, has rolled since it was at `state` and as deep as `work.ends`
+    has it: second order in the step.
+    """
+    if chain.lever_rise == 0.0:
+        return 0.0
+    depth = 0.5 * (max(work.ends[k, 0], 0.0) + max(work.place[k, 0], 0.0))
+    return float(chain.lever_rise * depth * (q[k] - state.q[k]))
+
+
+@inlined
 def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) -> None:
     """Of every link end its depth in the floor, the depth's rate, the stretch from its anchor, and its slip, into `work.place`."""
     place, links = work.place, chain.length.size
@@ -81,7 +99,8 @@ def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) ->
         sink += down * w[k]
         slide += along * w[k]
         place[k, 0], place[k, 1] = depth + chain.radius - chain.ground_depth * chain.floor_cos, sink
-        place[k, 2], place[k, 3] = y - chain.lever * q[k] - state.anchor[k], slide - chain.lever * w[k]
+        place[k, 2] = y - chain.lever * q[k] + less_rolled(chain, state, k, q, work) - state.anchor[k]
+        place[k, 3] = slide - (chain.lever - chain.lever_rise * max(place[k, 0], 0.0)) * w[k]
 
 
 @inlined
@@ -91,7 +110,7 @@ def add_contacts(chain: Chain, w: Floats, weights: Weights | None, work: Work) -
     for k in range(place.shape[0]):
         contact[0, k] = contact[1, k] = work.regime[0, k] = 0.0
         if place[k, 0] > 0.0:
-            normal = normal_force(chain.contact_stiffness, chain.contact_damping, place[k, 0], place[k, 1])
+            normal = plain_normal_force(chain, place[k, 0], place[k, 1])
             tangential = tangential_force(chain.presliding, chain.drag, chain.mu, 0.0, place[k, 2], place[k, 3], normal[0])
             contact[0, k], contact[1, k] = normal[0], tangential[0]
             work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
@@ -105,7 +124,7 @@ def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weig
     for k in range(place.shape[0]):
         contact[0, k] = contact[1, k] = work.regime[0, k] = 0.0
         if place[k, 0] > 0.0:
-            plain = normal_force(chain.contact_stiffness, chain.contact_damping, place[k, 0], place[k, 1])
+            plain = plain_normal_force(chain, place[k, 0], place[k, 1])
             more = added_normal_force(laws, place[k, 0], place[k, 1], work)
             normal = (plain[0] + more[0], plain[1] + more[1], plain[2] + more[2])
             factor, factor_v = friction_factor(laws, place[k, 3], work)
@@ -120,22 +139,24 @@ def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weig
 
 @inlined
 def add_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w: Floats, weights: Weights | None, work: Work) -> None:
-    """The contact at the end of link k, with its forces and their derivatives. Work of F: F (dY_k - l dq_k)."""
+    """The contact at the end of link k, with its forces and their derivatives. Work of F: F (dY_k - arm dq_k), arm = l - rise delta."""
     N, N_delta, N_rate = normal
     F, F_s, F_v, F_N = tangential
-    R, J, down, along, lever = work.R, work.J, work.down, work.along, chain.lever
+    R, J, down, along = work.R, work.J, work.down, work.along
+    arm = chain.lever - chain.lever_rise * work.place[k, 0]
     for j in range(k + 1):
-        R[j] += N * down[j] - F * (along[j] - (lever if j == k else 0.0))
+        R[j] += N * down[j] - F * (along[j] - (arm if j == k else 0.0))
     if weights is None:
         return
     _, cw, cq = weights
     for j in range(k + 1):
-        along_j = along[j] - (lever if j == k else 0.0)
+        along_j = along[j] - (arm if j == k else 0.0)
         dN = cq * (N_delta * down[j] + N_rate * along[j] * w[j]) + cw * N_rate * down[j]
         dF = cq * (F_s * along_j - F_v * down[j] * w[j]) + cw * F_v * along_j + F_N * dN
         J[j, j] += cq * (N * along[j] + F * down[j])
+        J[k, j] -= cq * F * chain.lever_rise * down[j]
         for i in range(k + 1):
-            J[i, j] += dN * down[i] - dF * (along[i] - (lever if i == k else 0.0))
+            J[i, j] += dN * down[i] - dF * (along[i] - (arm if i == k else 0.0))
 
 
 @inlined
@@ -151,9 +172,10 @@ def add_frame_contact(chain: Chain, k: int, normal: Normal, tangential: Tangenti
     dN = (cq * N_delta + cw * N_rate) * cos
     dF = (cq * F_s + cw * F_v) * sin + F_N * dN
     J[b, b] += dN * cos - dF * sin
+    arm = chain.lever - chain.lever_rise * work.place[k, 0]
+    J[k, b] -= cq * F * chain.lever_rise * cos
     for j in range(k + 1):
-        rolled = chain.lever if j == k else 0.0
-        along_j = work.along[j] - rolled
+        along_j = work.along[j] - (arm if j == k else 0.0)
         J[j, b] += dN * work.down[j] - dF * along_j
         dN_j = cq * (N_delta * work.down[j] + N_rate * work.along[j] * w[j]) + cw * N_rate * work.down[j]
         dF_j = cq * (F_s * along_j - F_v * work.down[j] * w[j]) + cw * F_v * along_j + F_N * dN_j
@@ -166,6 +188,7 @@ def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
     y = q[chain.length.size] * chain.floor_sin if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
-        s = y - chain.lever * q[k]
+        less = less_rolled(chain, state, k, q, work)
+        s = y - chain.lever * q[k] + less
         reach = chain.presliding if work.place[k, 0] > 0.0 else 0.0
-        state.anchor[k] = min(max(state.anchor[k], s - reach), s + reach)
+        state.anchor[k] = min(max(state.anchor[k], s - reach), s + reach) - less

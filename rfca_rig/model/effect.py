@@ -46,6 +46,8 @@ class Effect:
     `where` it enters, `left_out` in a few words what a model without it lacks, the `law` as a formula, its `source`.
     `apply(setup, values)` returns the setup with the effect in it; `values` holds one number per parameter, and one for each of
     `begins`: how it stands where a recording begins, 0 for at rest, which is no property of the rig and never reported.
+    `same_as` names the believed value, as `fit` calls it, that does exactly the same where it is wrong: only how well that is known tells
+    the two apart.
     """
 
     id: str
@@ -56,3 +58,4 @@ class Effect:
     parameters: tuple[Parameter, ...]
     apply: "Callable[[Setup, Values], Setup]"
     begins: tuple[Parameter, ...] = ()
+    same_as: str = ""

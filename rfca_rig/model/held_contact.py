@@ -49,15 +49,18 @@ def turn_shaft(chain: Chain, state: State, angle: float, nothing: Floats, work: 
     """
     q = state.q
     step, tried = STEP_RAD, q.copy()
+    assemble(chain, None, state, 0.0, q, nothing, nothing, None, work)
+    work.ends[:, 0] = work.place[:, 0]
     while q[0] != angle:
         left = angle - q[0]
         goal = angle if abs(left) <= step else q[0] + np.sign(left) * step
         tried[:] = q
         if balance(chain, state, tried, goal, nothing, work):
+            tried[0] = goal
+            assemble(chain, None, state, 0.0, tried, nothing, nothing, None, work)
+            drag_anchors(chain, state, tried, work)
+            work.ends[:, 0] = work.place[:, 0]
             q[:] = tried
-            q[0] = goal
-            assemble(chain, None, state, 0.0, q, nothing, nothing, None, work)
-            drag_anchors(chain, state, q, work)
             step = min(2.0 * step, STEP_RAD)
         else:
             step *= 0.5

@@ -27,8 +27,9 @@ class Ground:
 
     The tangential pair is the floor's own: a sticking point yields in proportion to the force, by `presliding` at the limit
     mu N; `drag` is a small viscous share that acts on every touching point beside the Coulomb force. Friction turns a link on the
-    `friction_lever` about its end: None for the radius of the tip, as friction acts at the circle's lowest point. A tip that is deep
-    in a soft floor may have it at another place, even on the other side.
+    `friction_lever` about its end: None for the radius of the tip, as friction acts at the circle's lowest point. Where a tip is deep in
+    the floor, friction may act higher than that: `friction_rise_share` of the depth, 1 at the floor's surface. What a tip pushes away and
+    does not get back is damped as it enters; `leaving_damping_share` says how much of that damping acts as it leaves.
     """
 
     stiffness_N_per_m1p5: float
@@ -37,6 +38,8 @@ class Ground:
     presliding_m: float
     drag_N_s_per_m: float
     friction_lever_m: float | None = None
+    friction_rise_share: float = 0.0
+    leaving_damping_share: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ Symbols, as in the paper's section III with absolute angles instead of relative 
     Y_k, D_k place of the distal end of link k: along the ground, and depth below the shaft [m]
     delta_k  = D_k + r - H, how deep the circle of radius r around that end is in the ground [m]
     s_k      = Y_k - l q_k, displacement along the ground of the point where friction acts, rolling taken off: the circle's lowest
-             one where the `lever` l of friction is r [m]
+             one where the `lever` l of friction is r [m]; its force turns the link on l - rise delta
                (Y, D, delta and s are taken along and across the floor where it slopes)
     R        = M(q) a + h(q, w) - Q, the residual of the equations of motion [N m]; R_0 is the shaft torque
     J        = ca dR/da + cw dR/dw + cq dR/dq, with the three weights the caller needs
@@ -37,6 +37,7 @@ class Chain(NamedTuple):
     moment: Floats
     radius: float
     lever: float
+    lever_rise: float
     gravity: float
     gravity_along: float
     total_mass: float
@@ -45,6 +46,7 @@ class Chain(NamedTuple):
     floor_sin: float
     contact_stiffness: float
     contact_damping: float
+    leaving_damping: float
     mu: float
     presliding: float
     drag: float

@@ -32,6 +32,8 @@ BELIEVED = {
     "contact_damping": "damping of the floor, per approach speed",
     "presliding": "how far a sticking point yields before it slips",
     "friction_lever": "lever of friction about a link's end",
+    "friction_rise": "how high friction acts, as a share of the depth",
+    "leaving_damping": "share of the floor's damping while an end leaves",
     "tangential_damping": "viscous share beside Coulomb friction",
     "below_shaft": "how far the sensor sits below the shaft",
     "ramp": "time in which the drive reaches its speed",

@@ -88,6 +88,19 @@ def test_under_the_papers_conditions_the_contact_force_is_mujocos(condition):
 
 
 @needs_mujoco
+@pytest.mark.parametrize(("rise", "leaving"), [(1.0, 1.0), (0.0, 0.0), (0.6, 0.3)])
+def test_so_it_is_deep_in_a_soft_floor_where_friction_acts_higher_and_leaving_is_damped_less(rise, leaving):
+    soft, plain = (
+        replace(PAPER, ground=replace(PAPER.ground, stiffness_N_per_m1p5=1.2e4, friction_rise_share=r, leaving_damping_share=share))
+        for r, share in ((rise, leaving), (0.0, 1.0))
+    )
+    checked = check_condition(soft, QUICK, SWEEP_DEG)
+    assert checked.stroke_pct < 0.01
+    without = stroke_at_speed(plain, QUICK.height_m, QUICK.speed_rad_s, checked.ours.t_s)
+    assert difference_pct(without.fz_N, checked.theirs.fz_N) > 3.0
+
+
+@needs_mujoco
 def test_what_difference_there_is_comes_from_the_tolerance():
     checked = check_condition(PAPER, QUICK, SWEEP_DEG)
     tight = stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, checked.ours.t_s, TIGHT)

@@ -6,7 +6,7 @@ import pytest
 from rfca_rig.exam.believed import believed_world
 from rfca_rig.exam.engine import _floor
 from rfca_rig.exam.engine_drive import asked_speed, rippled
-from rfca_rig.exam.engine_floor import elevation, normal_force
+from rfca_rig.exam.engine_floor import BUMP, BUMP_AT, BUMP_WIDTH, LEVER, LEVER_POWER, elevation, less_lever, normal_force
 from rfca_rig.exam.engine_hinge import arm, dahl, loop
 
 
@@ -48,9 +48,17 @@ def test_normal_force_is_the_campaigns_law():
     assert normal_force(floor, 4e-3, -1.5) == 0.0
 
 
+@pytest.mark.parametrize("power", [1.0, 0.8, 1.25])
+def test_friction_acts_higher_in_a_deeper_print_by_a_share_of_a_typical_depth(power):
+    floor = _floor(believed_world(0.215))
+    floor[LEVER], floor[LEVER_POWER] = 0.5, power
+    assert less_lever(floor, 3e-3) == pytest.approx(1.5e-3)
+    assert less_lever(floor, 12e-3) == pytest.approx(1.5e-3 * 4.0**power)
+
+
 def test_a_bump_has_its_own_slope():
     floor = _floor(believed_world(0.215))
-    floor[12], floor[13], floor[14] = 2e-3, 0.1, 0.02
+    floor[BUMP], floor[BUMP_AT], floor[BUMP_WIDTH] = 2e-3, 0.1, 0.02
     rise, slope = elevation(floor, 0.11)
     assert slope == pytest.approx((elevation(floor, 0.11 + 1e-6)[0] - elevation(floor, 0.11 - 1e-6)[0]) / 2e-6, rel=1e-6)
     assert rise == pytest.approx(2e-3 * np.exp(-0.25))

@@ -49,6 +49,8 @@ def fitted_sections(believed: Mapping[str, Any], rig: RigModel, height_offset_m:
             "presliding_mm": 1e3 * ground.presliding_m,
             "tangential_damping_N_s_per_m": ground.drag_N_s_per_m,
             **({} if ground.friction_lever_m is None else {"friction_lever_mm": 1e3 * ground.friction_lever_m}),
+            "friction_rise_share": ground.friction_rise_share,
+            "leaving_damping_share": ground.leaving_damping_share,
         },
         "sensor": {**believed["sensor"], "below_shaft_mm": 1e3 * rig.sensor.below_shaft_m},
         "drive": {**believed["drive"], "ramp_s": rig.drive.ramp_s},

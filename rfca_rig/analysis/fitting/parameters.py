@@ -108,6 +108,8 @@ PARAMETERS: Mapping[str, Parameter] = {
         _of_ground("contact_damping", "damping_s_per_m", "s/m", 0.5),
         _of_ground("presliding", "presliding_m", "mm", 0.5, scale=1e3),
         Parameter("friction_lever", "mm", False, 4.0, lambda at: 1e3 * at.rig.friction_lever_m, _with_lever),
+        replace(_of_ground("friction_rise", "friction_rise_share", "", 0.5), relative=False),
+        replace(_of_ground("leaving_damping", "leaving_damping_share", "", 0.5), relative=False, lowest=0.0),
         _of_ground("tangential_damping", "drag_N_s_per_m", "N s/m", 0.5),
         Parameter("below_shaft", "mm", False, 2.0, lambda at: 1e3 * at.rig.sensor.below_shaft_m, _with_below_shaft),
         Parameter("ramp", "ms", True, 0.2, lambda at: 1e3 * at.rig.drive.ramp_s, _with_ramp),

@@ -2,10 +2,10 @@
 link ends' places on the floor.
 
 Absolute angles q_i = shaft + hinges up to i, positive downwards. With N_k, F_k what the floor does to end k (up, and along +y, at the
-lowest point of its circle, a lever away from the end), P_i and Q_i their sums over ends i and beyond, and w_i the first moment of weight
-that link i carries, joint j has to bear
+lowest point of its circle, a lever l away from the end, or higher by a share `rise` of its depth d_k), P_i and Q_i their sums over ends i
+and beyond, and w_i the first moment of weight that link i carries, joint j has to bear
 
-    load_j = sum over i >= j of [(w_i - P_i L_i) cos q_i - Q_i L_i sin q_i] - lever Q_j
+    load_j = sum over i >= j of [(w_i - P_i L_i) cos q_i - Q_i L_i sin q_i] - sum over k >= j of (l - rise d_k) F_k
 
 A hinge bears it with its torque, the drive with minus the shaft's. An end that is in the floor presses by Hertz; its friction is
 free, sign and size: one end's is what the sensor reads, and of several each has about its share.
@@ -157,14 +157,19 @@ class _Conditions:
         """load_j (S, n) with its derivatives by joint angles (S, n, n), by depths and friction (S, n, 2 T), and by doubts."""
         w = self.of.weight_moment / self.of.L
         mass, lever = 1.0 + self.of.doubt(self.p, "mass"), self.of.rig.friction_lever_m + self.of.doubt(self.p, "friction_lever")
-        up, along = mass * w - self.N @ self.reach.T, self.F @ self.reach.T
-        self.load = from_on(up * self.across - along * self.down) - lever * along
+        rise = self.of.rig.ground.friction_rise_share
+        up, along, arm_m = mass * w - self.N @ self.reach.T, self.F @ self.reach.T, lever - rise * self.deep_m
+        self.load = from_on(up * self.across - along * self.down) - (arm_m * self.F) @ self.reach.T
         turn, joints = from_on(-up * self.down - along * self.across), np.arange(self.n)
         self.load_q = turn[:, np.maximum(joints[:, None], joints)]
         self.arms = np.stack([from_on(self.across * reach) for reach in self.reach.T], axis=2) if self.T else np.zeros((*turn.shape, 0))
-        levers = [from_on(self.down * reach) + lever * reach for reach in self.reach.T]
         self.load_N = -self.arms
-        self.load_c = np.concatenate([self.load_N * self.N_deep[:, None], -np.stack(levers, axis=2)], axis=2) if self.T else self.arms
+        if self.T:
+            levers = [from_on(self.down * reach) + np.outer(arm, reach) for arm, reach in zip(arm_m.T, self.reach.T, strict=True)]
+            by_depth = self.load_N * self.N_deep[:, None] + rise * self.F[:, None] * self.reach
+            self.load_c = np.concatenate([by_depth, -np.stack(levers, axis=2)], axis=2)
+        else:
+            self.load_c = self.arms
         self.load_contact = np.einsum("sjk,sk->sj", self.load_N, self.N)
         self.load_mass, self.load_lever = from_on(w * self.across), -along
 

@@ -18,4 +18,5 @@ EFFECT = Effect(
     source="-",
     parameters=(Parameter("offset_mm", -10.0, 10.0),),
     apply=apply,
+    same_as="height",
 )

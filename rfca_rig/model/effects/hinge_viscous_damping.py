@@ -20,4 +20,5 @@ EFFECT = Effect(
     source="Kelvin-Voigt element",
     parameters=(Parameter("coefficient_Nm_s_per_rad", 0.005, 0.5),),
     apply=apply,
+    same_as="hinge_damping",
 )

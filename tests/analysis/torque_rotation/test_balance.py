@@ -1,5 +1,7 @@
 """The conditions of a stage against virtual work, and their derivatives against differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -26,9 +28,11 @@ ALL = Doubts(
 )
 
 
-def somewhere(ends, seed=0, doubts=ALL):
+def somewhere(ends, seed=0, doubts=ALL, rise=0.0):
     rng = np.random.default_rng(seed)
-    balance = Balance(RIG, Hardening(), doubts, rng.normal(size=(S, HINGES, 1)))
+    balance = Balance(
+        replace(RIG, ground=replace(RIG.ground, friction_rise_share=rise)), Hardening(), doubts, rng.normal(size=(S, HINGES, 1))
+    )
     group = Group(np.arange(S), ends, np.full(S, 0.2), np.arange(S) % 2, np.arange(S) % 2)
     z = np.concatenate([-0.3 * rng.random((S, HINGES)), 2.0 + rng.random((S, 1)), 10.0 * rng.normal(size=(S, 3))], axis=1)
     c = np.concatenate([1e-3 + 5e-3 * rng.random((S, len(ends))), 10.0 * rng.normal(size=(S, len(ends)))], axis=1)
@@ -36,26 +40,27 @@ def somewhere(ends, seed=0, doubts=ALL):
     return balance, group, z, c, p
 
 
-def work_J(z, N, F, ends):
-    """Potential of weight and of constant floor forces at the lowest points of the ends, z up; y along the floor."""
+def work_J(z, N, F, ends, rises_m):
+    """Potential of weight and of constant floor forces, friction at the lowest points of the ends or higher, z up; y along the floor."""
     lengths, masses, radius = np.array(RIG.leg.link_lengths_m), np.array(RIG.leg.link_masses_kg), RIG.leg.link_radius_m
     q = z[6] + np.concatenate([[0.0], np.cumsum(z[:6])])
     y, up = np.cumsum(lengths * np.cos(q)), -np.cumsum(lengths * np.sin(q))
     middle = up + 0.5 * lengths * np.sin(q)
-    rolled = [y[end] - radius * q[end] for end in ends]
+    rolled = [y[end] - (radius - rise_m) * q[end] for end, rise_m in zip(ends, rises_m, strict=True)]
     return GRAVITY_M_S2 * masses @ middle - sum(n * up[end] for n, end in zip(N, ends, strict=True)) - F @ rolled
 
 
+@pytest.mark.parametrize("rise", [0.0, 0.7])
 @pytest.mark.parametrize("ends", [(), (6,), (5, 6), (2, 5, 6)])
-def test_loads_are_what_virtual_work_says(ends):
-    balance, group, z, c, p = somewhere(ends, doubts=Doubts(()))
+def test_loads_are_what_virtual_work_says(ends, rise):
+    balance, group, z, c, p = somewhere(ends, doubts=Doubts(()), rise=rise)
     line = balance.linear(group, z, c, p)
     torque = z[:, :6] * (11.0 + 44.0 * z[:, :6] ** 2) + 0.1 * balance.extra[:, :, 0]
     for row in range(S):
-        N, F = line.normal_N[row], c[row, len(ends) :]
+        N, F, rises_m = line.normal_N[row], c[row, len(ends) :], rise * c[row, : len(ends)]
         for joint in range(7):
             step = 1e-6 * np.eye(10)[6 if joint == 0 else joint - 1]
-            slope = (work_J(z[row] + step, N, F, ends) - work_J(z[row] - step, N, F, ends)) / 2e-6
+            slope = (work_J(z[row] + step, N, F, ends, rises_m) - work_J(z[row] - step, N, F, ends, rises_m)) / 2e-6
             if joint:
                 assert torque[row, joint - 1] + slope == pytest.approx(line.g[row, joint - 1], abs=1e-6)
             else:
@@ -63,9 +68,10 @@ def test_loads_are_what_virtual_work_says(ends):
                 assert drive - slope == pytest.approx(line.g[row, HINGES], abs=1e-6)
 
 
+@pytest.mark.parametrize("rise", [0.0, 0.7])
 @pytest.mark.parametrize("ends", [(), (6,), (5, 6), (2, 5, 6)])
-def test_derivatives_are_those_of_differences(ends):
-    balance, group, z, c, p = somewhere(ends, seed=1)
+def test_derivatives_are_those_of_differences(ends, rise):
+    balance, group, z, c, p = somewhere(ends, seed=1, rise=rise)
     line = balance.linear(group, z, c, p)
     looks = (
         (z, line.by_z, lambda at: balance.linear(group, at, c, p).g),

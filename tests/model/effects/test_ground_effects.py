@@ -53,16 +53,6 @@ def test_a_soft_floor_yields_besides_the_contact():
     assert pytest.approx(depth, rel=1e-9) == (N / 1e5) ** (2 / 3) + (N / 2e4) ** (2 / 3)
 
 
-@pytest.mark.parametrize(("lever_m", "in_soft_floor_m"), [(None, 0.003), (0.003, 0.003), (0.001, -0.003)])
-def test_friction_acts_as_much_farther_from_the_lowest_point_as_a_soft_floor_is_entered_deeper(lever_m, in_soft_floor_m):
-    """A floor as soft as the contact twice over is entered three times as deep: two millimetres from the lowest point become six."""
-    rig = replace(PAPER, ground=replace(PAPER.ground, friction_lever_m=lever_m))
-    assert rig.leg.link_radius_m == pytest.approx(0.003)
-    added = PAPER.ground.stiffness_N_per_m1p5 * 2.0**-1.5
-    setup = set_up(having(rig, ground_compliance={"stiffness_N_per_m1p5": added}), 0.215, ramp_to_speed(0.0, 2.433, 0.05, 1.0))
-    assert setup.chain().lever == pytest.approx(in_soft_floor_m)
-
-
 def test_at_lift_off_an_adhesive_floor_pulls_the_leg_down_with_its_force_and_then_lets_go():
     force, down, up = 2.0, 0.8, 0.7
     height = 0.3 * np.sin(0.75)
