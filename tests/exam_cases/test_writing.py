@@ -10,10 +10,12 @@ import pytest
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam import cases
+from rfca_rig.exam.believed import OffBy
 from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import Case, drawn_cases
 from rfca_rig.exam.concealed import EFFECTS
 from rfca_rig.exam.designs import Design
+from rfca_rig.exam.experiment import stroke_traces
 from rfca_rig.exam.marking import mark, wording
 from rfca_rig.exam.rig_of import Scatter, world_of
 from rfca_rig.exam.sealing import open_all
@@ -59,6 +61,14 @@ def test_scatter_reaches_floor_height_and_start():
     assert other.floor.mu - plain.floor.mu == pytest.approx(5e-3)
     assert other.mount.height_m - plain.mount.height_m == pytest.approx(1e-4)
     assert other.drive.start_angle_rad - plain.drive.start_angle_rad == pytest.approx(2e-3)
+
+
+def test_a_drive_obeys_as_late_as_the_case_has_it():
+    late = replace(drawn_cases(1, {cases.SINGLE: 1})[0], effects={}, off=OffBy(), structured=None, late_s=2.5e-3)
+    soon = replace(late, late_s=0.0)
+    angle_rad = [stroke_traces(world_of(case, 0.3, Scatter(), 1), 2.433).motor_angle_rad for case in (late, soon)]
+    assert (angle_rad[1] - angle_rad[0])[-100:] == pytest.approx(2.5e-3 * 2.433, rel=1e-3)
+    assert 0.0 < max(case.late_s for case in drawn_cases(1)) < 3e-3
 
 
 def test_nothing_in_the_folder_tells(written):

@@ -124,9 +124,11 @@ def test_one_hinge_does_not_determine_a_force():
         tip_force(tip_chain_of(pendulum(2, k0=5.0).leg), np.array([0.3, 0.1]), 1e-3)
 
 
-def test_the_dynamic_model_moved_slowly_and_held_still_comes_to_the_same_states(path):
-    stages = static_stages(PAPER, 0.215, UP_AND_BACK, CREEPING)
-    for state, held in zip(path, stages, strict=True):
+@pytest.mark.parametrize("ground", [{}, {"stiffness_N_per_m1p5": 1.2e4, "friction_rise_share": 1.0}], ids=["paper", "soft, friction high"])
+def test_the_dynamic_model_moved_slowly_and_held_still_comes_to_the_same_states(ground):
+    rig = replace(PAPER, ground=replace(PAPER.ground, **ground))
+    stages = static_stages(rig, 0.215, UP_AND_BACK, CREEPING)
+    for state, held in zip(static_path(rig, 0.215, UP_AND_BACK), stages, strict=True):
         assert state.fy_N == pytest.approx(held.fy_N, abs=5e-3)
         assert state.fz_N == pytest.approx(held.fz_N, abs=5e-3)
         assert state.tx_Nm == pytest.approx(held.tx_Nm, abs=5e-4)

@@ -53,6 +53,16 @@ def test_a_soft_floor_yields_besides_the_contact():
     assert pytest.approx(depth, rel=1e-9) == (N / 1e5) ** (2 / 3) + (N / 2e4) ** (2 / 3)
 
 
+def test_an_end_that_leaves_is_damped_by_the_share_of_what_one_that_enters_is():
+    """One rigid link dips into the floor and comes out again, at 1 rad/s: at one depth twice, once each way."""
+    damped = replace(STIFF, ground=replace(STIFF.ground, damping_s_per_m=1.0, leaving_damping_share=0.4))
+    angles, t = [0.75, 0.85, 0.75], np.array([0.07, 0.13])
+    N = stroke_following(damped, 0.3 * np.sin(0.8), through([0.0, 0.1, 0.2], angles), t).normal_N[:, 0]
+    q = np.array([0.82, 0.82])
+    depth, rate = 0.3 * (np.sin(q) - np.sin(0.8)), 0.3 * np.cos(q)
+    assert pytest.approx(1e5 * depth**1.5 * (1.0 + np.array([1.0, -0.4]) * rate), rel=1e-6) == N
+
+
 def test_at_lift_off_an_adhesive_floor_pulls_the_leg_down_with_its_force_and_then_lets_go():
     force, down, up = 2.0, 0.8, 0.7
     height = 0.3 * np.sin(0.75)

@@ -1,0 +1,53 @@
+"""What a descent must not believe of the slopes that it works with."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfca_rig.diagnosis.coordinates import Choice, Coordinates
+from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.judging import judge_of
+from rfca_rig.diagnosis.nuisances import nuisances_of
+from rfca_rig.model.catalogue import catalogue
+from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
+
+SOFT = replace(RIG, effects=(present("ground_compliance", stiffness_N_per_m1p5=20000.0),))
+HALF = {"contact_stiffness_relative": 0.5}
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A soft floor fitted to a leg on one, the believed contact known to a half."""
+    evidence = evidence_of(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
+    descent = Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+    coordinates = Coordinates(nuisances_of(RIG, KNOWN_TO | HALF, 0.0), (Choice(catalogue()["ground_compliance"]),))
+    x = np.zeros(coordinates.size)
+    x[-1] = -0.5
+    begun = descent.at(coordinates, x)
+    assert begun is not None
+    return descent, descent.polished(descent.descended(begun))
+
+
+def test_only_how_well_the_contact_is_known_says_how_soft_the_floor_is(found):
+    """Depths add: k_floor^(-2/3) + k_contact^(-2/3) is all that strokes tell. Half a power of e in the contact is
+    0.5 (20000 / k_contact)^(2/3) in the floor.
+    """
+    descent, best = found
+    posterior = descent.judged(best).posterior
+    contact = best.coordinates.space.names.index("contact_stiffness")
+    assert np.sqrt(posterior.covariance[contact, contact]) == pytest.approx(1.0, abs=0.1)
+    up, down = (best.x + sign * np.sqrt(posterior.covariance[-1, -1]) * (np.arange(len(best.x)) == len(best.x) - 1) for sign in (1.0, -1.0))
+    low, high = (best.coordinates.supposed(x).rig.effects[0].values[0][1] for x in (down, up))
+    expected = 0.5 * (20000.0 / RIG.ground.stiffness_N_per_m1p5) ** (2.0 / 3.0)
+    assert 0.5 * np.log(high / low) == pytest.approx(expected, rel=0.3)
+
+
+def test_slopes_that_are_learnt_on_the_way_stay_alike(found):
+    descent, best = found
+    contact = best.coordinates.space.names.index("contact_stiffness")
+    aside = best.predicted + np.random.default_rng(1).normal(size=len(best.predicted))
+    learnt = descent._learnt(best, best.x + 0.1, aside).slope
+    cosine = learnt[:, contact] @ learnt[:, -1] / (np.linalg.norm(learnt[:, contact]) * np.linalg.norm(learnt[:, -1]))
+    assert abs(cosine) == pytest.approx(1.0, abs=1e-9)
