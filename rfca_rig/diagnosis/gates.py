@@ -20,7 +20,8 @@ APPROXIMATELY = 0.2  # the same where something is missing for sure: a law that 
 MOST_IMPROVE = 0.8  # share of conditions that must be foretold better,
 WORTH_NAMING = 0.3  # by this share of the misfit at least: a real model's own small errors look a little like everything;
 WORTH_ADDING = 0.1  # by this share where an effect is named already
-CLOSES = 0.8  # share of the way down to what the best of models leave: a law that is only alike stops before
+CLOSES = 0.8  # share of the way down to what the best of models leave: a law that is only alike stops before,
+CLOSES_NEARLY_ALL = 0.95  # and where nothing missing would almost do, it stops late
 AS_USUAL = 1.0  # of what a usual model error explains
 ONE_VALUE = "one value in all "  # a gate for conditions, one for channels
 AT_A_BOUND = 2.6  # prior deviations of an effect's parameter: a log-uniform one is within 1 % of its end
@@ -143,8 +144,8 @@ def _foretold(found: Found, best: Hypothesis) -> Gate:
     enough = enough or (_relieves(best, found.nothing) and float(gains.mean()) > 0.0 and float(after.mean()) <= AS_USUAL)
     share = max(float(np.mean(gains > 0.0)), share_by_size(gains) if float(after.mean()) < AS_USUAL else 0.0)
     least = _least_left(found)
-    down = comes_down(float(before.mean()), float(after.mean()), least)
-    down = down or (float(before.mean()) <= AS_USUAL and _relieves(best, found.nothing))
+    strained = float(before.mean()) <= AS_USUAL and _relieves(best, found.nothing)  # what is missing hides in a believed value
+    down = strained or comes_down(float(before.mean()), float(after.mean()), least)
     well = down and float(after.mean()) <= FORETOLD_TO and not vetoed(before, after, floor)
     text = f"{100 * share:.0f} % of {len(gains)} conditions are foretold better from the others; rms {before.mean():.2f} -> "
     text += f"{after.mean():.2f} of what a usual model error explains, {least:.2f} for the best of models"
@@ -154,9 +155,10 @@ def _foretold(found: Found, best: Hypothesis) -> Gate:
 def comes_down(before: float, after: float, least: float) -> bool:
     """Whether a name takes away nearly all that could be: rms of what is foretold, of which `least` remains where nothing is missing.
 
-    A spring that relaxes does much of what one with hysteresis does, a filter much of what a late clock does.
+    A spring that relaxes does much of what one with hysteresis does, a filter much of what a late clock does; the less there is to take
+    away, the more of it.
     """
-    return before - after >= CLOSES * (before - least)
+    return before - after >= (CLOSES if before > FORETOLD_TO else CLOSES_NEARLY_ALL) * (before - least)
 
 
 def _least_left(found: Found) -> float:

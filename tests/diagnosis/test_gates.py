@@ -74,8 +74,11 @@ def test_a_condition_that_comes_out_worse_is_a_veto_unless_it_is_foretold_well_a
         (2.4, 0.6, True),
         (2.4, 1.3, False),  # a filter that passes for a late clock
         (1.43, 0.8, False),  # a spring that relaxes, for one with hysteresis
-        (0.9, 0.65, True),  # little to take away, and nearly all of it taken
-        (0.9, 0.8, False),
+        (2.4, 0.95, True),
+        (1.48, 0.74, False),
+        (1.48, 0.67, True),  # nothing missing would almost do, and nearly all of it is taken
+        (0.9, 0.64, True),
+        (0.9, 0.66, False),
         (0.7, 0.5, True),  # better than a good model has to be
     ],
 )
