@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rfca_rig.diagnosis import gates
 from rfca_rig.diagnosis.coordinates import Choice
 from rfca_rig.diagnosis.decoys import best_decoy, taken_away
 from rfca_rig.diagnosis.descent import Descent
@@ -84,6 +85,22 @@ def test_a_condition_that_comes_out_worse_is_a_veto_unless_it_is_foretold_well_a
 )
 def test_a_name_comes_down_to_what_good_models_leave(before, after, is_down):
     assert comes_down(before, after, 0.63) == is_down
+
+
+@pytest.mark.parametrize(
+    ("before", "relieves", "passed"),
+    [
+        (0.9, True, True),  # a soft floor that a contact four deviations from believed stands for
+        (0.9, False, False),
+        (1.2, True, False),  # with the same share taken away, something is missing that the name does not explain
+    ],
+)
+def test_where_a_believed_value_hides_what_is_missing_a_name_need_not_take_much_away(played, monkeypatch, before, relieves, passed):
+    best = played.named[0]
+    rms = {id(best): np.full(3, 0.7 * before), id(played.nothing): np.full(3, before)}
+    monkeypatch.setattr(gates, "left_out", lambda _, hypothesis: rms[id(hypothesis)])
+    monkeypatch.setattr(gates, "_relieves", lambda *_: relieves)
+    assert gates._foretold(played, best).passed == passed
 
 
 def test_the_best_of_models_leave_the_noise_and_half_of_the_usual_error(played):

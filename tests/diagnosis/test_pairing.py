@@ -1,0 +1,74 @@
+"""Second effects beside one that fits well: only what is worth much, and from where the first one really stands."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfca_rig.diagnosis import pairing
+from rfca_rig.diagnosis.coordinates import Choice, Coordinates
+from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.judging import judge_of
+from rfca_rig.diagnosis.nuisances import nuisances_of
+from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED, ids_of, paired
+from rfca_rig.diagnosis.scatter import Scatter
+from rfca_rig.diagnosis.screening import tried
+from rfca_rig.diagnosis.search import _Standing, _with_parts_again
+from rfca_rig.model.catalogue import catalogue
+from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
+
+CONDITIONS = [(205.0, 2.433), (215.0, 2.8), (220.0, 3.249)]
+HEAVY, TURNED = present("tip_mass", mass_g=50.0), present("sensor_crosstalk", fz_per_fy=0.09)
+RIVALS = [Choice(catalogue()[name]) for name in ("tip_mass", "sensor_crosstalk", "sensor_drift")]
+
+
+def searched(effects):
+    """The descent on such a leg, where nothing missing fits best, the heavier tip as it was first tried, and all that was tried."""
+    evidence = evidence_of(flaps_of(recorded(replace(RIG, effects=effects), CONDITIONS, with_shaft=False)))
+    descent = Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+    coordinates = Coordinates(nuisances_of(RIG, KNOWN_TO, 0.0))
+    believed = descent.at(coordinates, np.zeros(coordinates.size))
+    base = descent.descended(believed)
+    trials = tried(evidence, believed, RIVALS)
+    begun = descent.at(coordinates.with_choices(RIVALS[:1]), np.append(believed.x, trials[0].z), believed.slope)
+    return descent, base, begun, trials
+
+
+@pytest.fixture(scope="module")
+def both():
+    return searched((HEAVY, TURNED))
+
+
+def test_a_second_effect_that_is_worth_much_is_put_beside_one_that_fits_well(both):
+    descent, base, begun, trials = both
+    single = descent.polished(descent.descended(begun))
+    assert descent.judged(single).fits_well(single.coordinates.nuisances)
+    (pair,) = paired(descent, base, [single], trials)
+    assert ids_of(pair) == ("tip_mass", "sensor_crosstalk")
+    assert descent.log_evidence(pair) > descent.log_evidence(single) + CLEARLY_NEEDED
+
+
+def test_one_that_promises_much_and_turns_out_to_be_worth_little_is_not(both, monkeypatch):
+    descent, base, begun, trials = both
+    single = descent.polished(descent.descended(begun))
+    monkeypatch.setattr(pairing, "CLEARLY_NEEDED", 300.0)
+    assert paired(descent, base, [single], trials) == []
+
+
+def test_one_that_is_worth_little_is_not():
+    descent, base, begun, trials = searched((HEAVY, replace(TURNED, values=(("fz_per_fy", 0.05),))))
+    single = descent.polished(descent.descended(begun))
+    assert paired(descent, base, [single], trials) == []
+
+
+def test_pairs_are_built_anew_on_an_effect_that_stood_in_a_bad_light(both):
+    """The heavier tip was left where it began, and a drift was put beside it: only its part fitted again shows what it lacks."""
+    descent, base, begun, trials = both
+    drift = descent.at(begun.coordinates.with_choices([RIVALS[0], RIVALS[2]]), np.append(begun.x, 0.0))
+    standing = _Standing(
+        descent, Scatter({}, np.empty((len(begun.predicted), 0))), base, (begun,), (descent.polished(descent.descended(drift)),)
+    )
+    found = _with_parts_again(standing, trials)
+    assert ("tip_mass", "sensor_crosstalk") in {ids_of(pair) for pair in found.pairs}
+    assert ids_of(found.best) == ("tip_mass", "sensor_crosstalk")
