@@ -1,4 +1,4 @@
-"""What every hypothesis may move: the values of [known_to], the three numbers of the floor that nobody measures, and a leg that has not
+"""What every hypothesis may move: the values of [known_to], the numbers of the floor that nobody measures, and a leg that has not
 quite come to rest when the recording begins. Of the shaft's own motion: how late the drive does what it is told."""
 
 from collections.abc import Mapping

@@ -28,8 +28,8 @@ class Ground:
     The tangential pair is the floor's own: a sticking point yields in proportion to the force, by `presliding` at the limit
     mu N; `drag` is a small viscous share that acts on every touching point beside the Coulomb force. Friction turns a link on the
     `friction_lever` about its end: None for the radius of the tip, as friction acts at the circle's lowest point. Where a tip is deep in
-    the floor, friction may act higher than that: `friction_rise_share` of the depth, 1 at the floor's surface. What a tip pushes away and
-    does not get back is damped as it enters; `leaving_damping_share` says how much of that damping acts as it leaves.
+    the floor, friction may act higher than that: `friction_rise_share` of the depth, 1 at the floor's surface. As much as
+    `leaving_damping_share` of the damping of a tip that enters acts on one that leaves.
     """
 
     stiffness_N_per_m1p5: float
