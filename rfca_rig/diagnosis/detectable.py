@@ -1,24 +1,39 @@
 """The smallest size of every effect that was not named at which these recordings would have shown it."""
 
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.result import NotSeen
-from rfca_rig.diagnosis.screening import Projection, Trial
+from rfca_rig.diagnosis.screening import Trial
 from rfca_rig.model.effect import Effect, Parameter
 from rfca_rig.model.parameters import RigModel
 
 Floats = NDArray[np.float64]
 
 OCCAM = 1.5  # log evidence that one more parameter costs
+UNSEEN = 1e-6  # of the power that is needed: a stop that no hinge reaches
 
 
-def not_seen(effects: Sequence[Effect], trials: Sequence[Trial], projection: Projection, rig: RigModel) -> tuple[NotSeen, ...]:
-    """For each effect the size at which it would have earned its name, from its signatures beyond noise and nuisances."""
-    needed = 2.0 * (3.0 + float(np.log(max(len(effects), 1))) + OCCAM)
-    return tuple(NotSeen(effect.id, _size(effect, trials, projection, rig, needed)) for effect in effects)
+class Shows(Protocol):
+    """How plainly a signature shows."""
+
+    def power(self, signature: Floats) -> float:
+        """Its squared size, in whatever `needed` counts."""
+        ...
+
+
+def not_seen(
+    effects: Sequence[Effect], trials: Sequence[Trial], shows: Shows, rig: RigModel, needed: float | None = None
+) -> tuple[NotSeen, ...]:
+    """For each effect the size at which its signatures would have shown: at which it would have earned its name, if `needed` is not given
+    and its power is that beyond noise and nuisances.
+    """
+    if needed is None:
+        needed = 2.0 * (3.0 + float(np.log(max(len(effects), 1))) + OCCAM)
+    return tuple(NotSeen(effect.id, _size(effect, trials, shows, rig, needed)) for effect in effects)
 
 
 def size_parameter(effect: Effect) -> Parameter:
@@ -36,7 +51,7 @@ def without_effect(effect: Effect, rig: RigModel) -> float:
     return 0.0
 
 
-def _size(effect: Effect, trials: Sequence[Trial], projection: Projection, rig: RigModel, needed: float) -> Mapping[str, float] | None:
+def _size(effect: Effect, trials: Sequence[Trial], shows: Shows, rig: RigModel, needed: float) -> Mapping[str, float] | None:
     size, off = size_parameter(effect), without_effect(effect, rig)
     powers: dict[float, list[float]] = {}
     below = 0.0
@@ -44,12 +59,13 @@ def _size(effect: Effect, trials: Sequence[Trial], projection: Projection, rig: 
         if trial.choice.effect.id == effect.id:
             value = dict(trial.choice.present(trial.z).values)[size.name]
             below += value - off
-            powers.setdefault(round(abs(value - off), 12), []).append(projection.power(trial.signature))
-    points = sorted((distance, float(np.median(p))) for distance, p in powers.items() if distance > 0.0 and np.median(p) > 0.0)
-    if not points:
+            powers.setdefault(round(abs(value - off), 12), []).append(shows.power(trial.signature))
+    points = sorted((distance, max(float(np.median(p)), UNSEEN * needed)) for distance, p in powers.items() if distance > 0.0)
+    if not any(power > UNSEEN * needed for _, power in points):
         return None
     distance, rising = _threshold(np.array(points), needed)
     value = off + distance if off == 0.0 or below >= 0.0 else off - distance
+    value = value if rising else min(value, size.high)
     if (rising and value > size.high) or (not rising and value < size.low) or value < min(size.low, 0.0):
         return None
     return {size.name: float(f"{value:.3g}")}

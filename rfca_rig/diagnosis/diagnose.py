@@ -16,6 +16,7 @@ from rfca_rig.diagnosis.deciding import Decision, decided
 from rfca_rig.diagnosis.evidence import evidence_of
 from rfca_rig.diagnosis.looked_for import looked_for, not_looked_for
 from rfca_rig.diagnosis.nuisances import nuisances_of, nuisances_of_drive
+from rfca_rig.diagnosis.obedient_shaft import ruled_out_by_obedience
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
 from rfca_rig.diagnosis.search import Found, Progress, searched
 from rfca_rig.diagnosis.stages import HOLD_S, StageTable, stage_tables
@@ -84,6 +85,8 @@ def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits
     verdicts = Verdicts(leg, decided(leg, len(effects)), drive, None if drive is None else decided(drive, len(of_drive)))
     progress("summing up", 0.97)
     found = summed_up(body, verdicts, effects, limits)
+    if drive is None and body.shafts:
+        found = replace(found, not_seen=(*found.not_seen, *ruled_out_by_obedience(body.shafts, body.rig, of_drive)))
     return replace(found, recordings=tuple(map(_named, recordings)), remarks=(*found.remarks, *not_looked_for(without)))
 
 

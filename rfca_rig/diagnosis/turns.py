@@ -119,7 +119,16 @@ def turns_as_commanded(shaft: ShaftCondition) -> bool:
 
 def is_only_late(shaft: ShaftCondition, ramp_s: float) -> bool:
     """Whether the shaft did what it was told, though `late_s` later."""
-    return rms(shaft.away_rad + late_s(shaft, ramp_s) * shaft.told_rad_s(ramp_s)) < BUT_LATE_RAD
+    return _beside_delay_rad(shaft, ramp_s) < BUT_LATE_RAD
+
+
+def disobedience(shaft: ShaftCondition, ramp_s: float) -> float:
+    """How far the shaft is from what it was told, 1 where it neither turns as commanded nor only later."""
+    return min(rms(shaft.away_rad) / AS_COMMANDED_RAD, _beside_delay_rad(shaft, ramp_s) / BUT_LATE_RAD)
+
+
+def _beside_delay_rad(shaft: ShaftCondition, ramp_s: float) -> float:
+    return rms(shaft.away_rad + late_s(shaft, ramp_s) * shaft.told_rad_s(ramp_s))
 
 
 def late_s(shaft: ShaftCondition, ramp_s: float) -> float:

@@ -1,8 +1,19 @@
+"""What recordings would have shown, and what chance makes of many looks at once."""
+
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.detectable import _threshold
+from rfca_rig.analysis.repeats import conditions_of
+from rfca_rig.diagnosis.coordinates import Choice, coordinate_of
+from rfca_rig.diagnosis.detectable import _threshold, not_seen
 from rfca_rig.diagnosis.locating import _holm
+from rfca_rig.diagnosis.obedient_shaft import ruled_out_by_obedience
+from rfca_rig.diagnosis.screening import Trial
+from rfca_rig.diagnosis.turns import disobedience, shaft_condition
+from rfca_rig.model.catalogue import catalogue
+from tests.diagnosis.by_hand import RIG, late, present, recorded
 
 
 def test_a_force_in_proportion_to_size_is_seen_where_its_square_reaches_what_is_needed():
@@ -23,6 +34,63 @@ def test_a_stiffness_shows_the_less_the_larger_it_is():
     distance, rising = _threshold(np.column_stack([stiffness, 4e6 / stiffness**2]), 16.0)
     assert not rising
     assert distance == pytest.approx(500.0)
+
+
+class Given:
+    """The power of a signature is what its first row says."""
+
+    def power(self, signature):
+        return float(signature[0])
+
+
+def would_have_seen(effect, powers):
+    """At these sizes of its first parameter, all else at its middle."""
+    choice = Choice(catalogue()[effect])
+    size, *others = choice.free
+    trials = [
+        Trial(choice, np.array([coordinate_of(size, value), *(0.0 for _ in others)]), np.array([power])) for value, power in powers.items()
+    ]
+    return not_seen([choice.effect], trials, Given(), RIG, needed=16.0)[0].would_have_seen
+
+
+def test_a_stop_that_no_hinge_reaches_is_not_ruled_out():
+    (angle_deg,) = would_have_seen("hinge_stop", {20.0: 6400.0, 23.0: 400.0, 24.0: 0.0, 30.0: 0.0}).values()
+    assert 23.0 < angle_deg < 24.0
+    assert would_have_seen("hinge_stop", {20.0: 0.0, 30.0: 0.0}) is None
+
+
+def test_nothing_is_said_of_a_stiffness_beyond_what_is_plausible():
+    (stiffness,) = would_have_seen("ground_compliance", {2e4: 1e6, 2e5: 1e5, 9e5: 1e4}).values()
+    assert stiffness == 1e6
+
+
+def shafts_of(rig):
+    conditions = conditions_of(recorded(rig, [(205.0, 2.433), (220.0, 3.249)]))
+    return [shaft_condition(condition, 1.2, RIG.drive.ramp_s) for condition in conditions]
+
+
+def disobeyed(effect, **values):
+    shafts = shafts_of(replace(RIG, effects=(present(effect, **values),)))
+    return max(disobedience(shaft, RIG.drive.ramp_s) for shaft in shafts)
+
+
+def test_an_obedient_shaft_rules_out_drives_that_would_have_moved_it_otherwise():
+    drives = [catalogue()[name] for name in ("motor_speed_droop", "motor_speed_ripple")]
+    soft, rippling = (one.would_have_seen for one in ruled_out_by_obedience(shafts_of(RIG), RIG, drives))
+    assert soft == {"kp_Nm_s_per_rad": 200.0}  # the stiffest that is plausible, and even that
+    assert disobeyed("motor_speed_droop", kp_Nm_s_per_rad=200.0, ki_Nm_per_rad=70.7) > 2.0
+    (amplitude,) = rippling.values()
+    assert disobeyed("motor_speed_ripple", amplitude_relative=amplitude, cycles_per_turn=30.0) == pytest.approx(1.0, abs=0.3)
+
+
+def test_a_drive_that_the_rig_is_believed_to_have_is_not_ruled_out():
+    soft = replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=8.0, ki_Nm_per_rad=60.0),))
+    assert ruled_out_by_obedience(shafts_of(RIG), soft, [catalogue()["motor_speed_droop"]]) == ()
+
+
+def test_a_shaft_that_is_late_disobeys_as_little_as_one_that_is_not():
+    (condition,) = conditions_of([late(stroke, 2.5e-3) for stroke in recorded(RIG, [(205.0, 2.433)])])
+    assert disobedience(shaft_condition(condition, 1.2, RIG.drive.ramp_s), RIG.drive.ramp_s) < 0.2
 
 
 def test_holm_multiplies_the_smallest_chance_by_all_and_never_falls():

@@ -1,0 +1,48 @@
+"""What a shaft that does what it is told rules out: drives that would have moved it otherwise, and from what size on."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.diagnosis.coordinates import Coordinates
+from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.detectable import not_seen
+from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.judging import judge_of
+from rfca_rig.diagnosis.nuisances import nuisances_of_drive
+from rfca_rig.diagnosis.result import NotSeen
+from rfca_rig.diagnosis.screening import choices_of, tried
+from rfca_rig.diagnosis.turns import ShaftCondition, disobedience
+from rfca_rig.model.effect import Effect
+from rfca_rig.model.parameters import RigModel
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Obedience:
+    """Shafts that are obeyed; a signature shows where one of them would turn otherwise."""
+
+    shafts: Sequence[ShaftCondition]
+    ramp_s: float
+
+    def power(self, signature: Floats) -> float:
+        """Squared size of a signature, 1 where a drive would be looked at."""
+        ends = np.cumsum([shaft.away_rad.size for shaft in self.shafts])[:-1]
+        each = zip(self.shafts, np.split(signature, ends), strict=True)
+        return max(disobedience(replace(shaft, repeats=away[None]), self.ramp_s) for shaft, away in each) ** 2
+
+
+def ruled_out_by_obedience(shafts: Sequence[ShaftCondition], rig: RigModel, effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
+    """For each of these drives, none of which the rig is believed to have, the size from which on it would have been looked at."""
+    wanted = [effect for effect in effects if effect.id not in {present.id for present in rig.effects}]
+    evidence = evidence_of(shafts)
+    coordinates = Coordinates(nuisances_of_drive(rig, Supposed(rig)))
+    base = Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0)))).at(
+        coordinates, np.zeros(coordinates.size)
+    )
+    trials = [] if base is None else tried(evidence, base, [choice for effect in wanted for choice in choices_of(effect)])
+    return not_seen(wanted, trials, _Obedience(shafts, rig.drive.ramp_s), rig, needed=1.0)
