@@ -50,12 +50,14 @@ def fit(
 
     from rfca_rig.analysis.fitting.fit import Search
     from rfca_rig.analysis.fitting.model_file import write_model_file
+    from rfca_rig.analysis.fitting.parameters import named
     from rfca_rig.analysis.fitting.residuals import Window
     from rfca_rig.analysis.fitting.strokes import Comparison, fit_recordings
     from rfca_rig.campaign.opening import open_with_belief
     from rfca_rig.cli.progress import progress
 
     comparison = Comparison(shaft.value, Window(tuple(_names(phases)), 1e-3 * after_touchdown))
+    named(_names(parameters))
     recordings = open_with_belief(paths)
     counter = _Counter()
     with progress(quiet=as_json) as bars, _crew_of_starts(cluster, bars.told) as crew:

@@ -115,6 +115,7 @@ MISTAKES = {
     "a protocol misspelt": (("plan", "tabel2"), "did you mean table2?"),
     "a rig misspelt": (("predict", "--height", "215", "--speed", "2", "--rig", "twn"), "did you mean twin?"),
     "a phase misspelt": (("fit", SMALL, "--phases", "loadin"), "did you mean loading?"),
+    "a parameter misspelt, before the strokes are read": (("fit", "empty.h5", "--parameters", "k"), "'k' is no parameter"),
     "a command misspelt": (("dynamc", "run"), "Did you mean 'dynamic'?"),
     "an option misspelt": (("dynamic", "run", "--hieght", "3"), "--height"),
     "a run misspelt": (("check", "rnu"), "did you mean run?"),

@@ -192,17 +192,22 @@ def space_of(names: Sequence[str], centre: Supposed, known_to: Mapping[str, floa
     `known_to` is the section of that name: one standard deviation per key; a parameter it leaves out has no prior. Raises BadInput for a
     name that is not known or comes twice, and where nothing is left to fit.
     """
-    chosen = tuple(_parameter(name) for name in names) or tuple(p for p in PARAMETERS.values() if known_to.get(p.known_to or ""))
+    chosen = named(names) or tuple(p for p in PARAMETERS.values() if known_to.get(p.known_to or ""))
     if not chosen:
         raise BadInput(f"nothing to fit: the recording has no [known_to]; name parameters: {', '.join(PARAMETERS)}")
-    if len({p.name for p in chosen}) < len(chosen):
-        raise BadInput(f"a parameter is named twice in {', '.join(names)}")
     for parameter in chosen:
         if parameter.relative and parameter.read(centre) == 0.0:
             raise BadInput(f"{parameter.name} is believed to be 0 {parameter.unit} and can only be scaled; believe a small value instead")
     stated = [known_to.get(p.known_to or "") for p in chosen]
     std = [s or p.spread for s, p in zip(stated, chosen, strict=True)]
     return Space(chosen, centre, np.array(std), np.array([bool(s) for s in stated]))
+
+
+def named(names: Sequence[str]) -> tuple[Parameter, ...]:
+    """The parameters of these names. Raises BadInput for a name that is not known or comes twice."""
+    if len(set(names)) < len(names):
+        raise BadInput(f"a parameter is named twice in {', '.join(names)}")
+    return tuple(_parameter(name) for name in names)
 
 
 def _parameter(name: str) -> Parameter:
