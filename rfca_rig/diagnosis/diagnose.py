@@ -103,7 +103,7 @@ def _body(recordings: Sequence[Recording]) -> tuple[Body, tuple[StageTable, ...]
     noise_std = first.believed["sensor"].get("noise_std") or {}
     conditions = conditions_of(stroke for recording in recordings for stroke in recording.strokes)
     probed = [flap_condition(condition, noise_std, turn_of(condition, False)) for condition in conditions]
-    remarks = tuple(flap.reason for flap in probed if isinstance(flap, Refused))
+    remarks = tuple(f"left out: {flap.reason}" for flap in probed if isinstance(flap, Refused))
     usable = [(c, f) for c, f in zip(conditions, probed, strict=True) if not isinstance(f, Refused)]
     shafts = tuple(s for c, f in usable if (s := shaft_condition(c, float(f.t_s[-1]), rig.drive.ramp_s)) is not None)
     as_commanded = all(turns_as_commanded(shaft) for shaft in shafts)

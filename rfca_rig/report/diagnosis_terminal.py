@@ -29,7 +29,7 @@ def terminal_lines(diagnosis: Diagnosis) -> list[str]:
 
 def _body(diagnosis: Diagnosis) -> Iterable[str]:
     if diagnosis.verdict == "not enough data":
-        yield from (f"left out: {remark}" for remark in diagnosis.remarks[:3])
+        yield from diagnosis.remarks[:3]
     yield from (_effect(effect) for effect in diagnosis.effects[:2])
     yield from (_place(place) for place in sorted(diagnosis.located, key=lambda place: -place.sigmas)[:PLACES])
     yield from _figures(diagnosis)

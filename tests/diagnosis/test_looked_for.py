@@ -31,7 +31,9 @@ def test_the_answer_says_so_and_does_not_speak_of_them(monkeypatch, capsys, tmp_
     (case,) = drawn_cases(7, {POOR_DATA: 1})
     write_campaign(case, tmp_path / "campaign")
     words = ("diagnose", tmp_path / "campaign", "--without", "tip_mass", "--without", "fluid_drag", "--out", tmp_path / "out")
-    assert typed(monkeypatch, capsys, *words).exit_code == 0
+    said = typed(monkeypatch, capsys, *words)
+    assert said.exit_code == 0
+    assert "left out: not looked for" not in said.out
     answer = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert "not looked for, as asked: tip_mass, fluid_drag" in answer["remarks"]
     assert not {"tip_mass", "fluid_drag"} & set(answer["settings"]["effects_tried"])
