@@ -109,7 +109,7 @@ def searched(
     progress("weighing", 0.9)
     if not standing.learnt:
         standing = _learnt_anew(standing, standing.best, stopped_as_told)
-    found = _weighed(_with_parts_again(standing, trials), trials, len(effects))
+    found = _weighed(_with_nothing_again(_with_parts_again(standing, trials)), trials, len(effects))
     return replace(found, believed=standing.descent.at(coordinates, believed.x, believed.slope) or believed)
 
 
@@ -167,6 +167,15 @@ def _with_parts_again(standing: _Standing, trials: Sequence[Trial]) -> _Standing
     if best < before + CLEARLY_NEEDED:
         return again
     return replace(again, pairs=tuple(_each_at_its_best(descent, [*standing.pairs, *_with_pairs(again, trials).pairs])))
+
+
+def _with_nothing_again(standing: _Standing) -> _Standing:
+    """Nothing missing fitted again from the believed values of the best explanation, which may have found a better place for them."""
+    descent, base, best = standing.descent, standing.base, standing.best
+    nuisances = base.coordinates.nuisances
+    begun = descent.at(base.coordinates, best.x[:nuisances])
+    again = None if begun is None else _clearly_better(descent, base, [descent.descended(begun)])
+    return standing if again is None else replace(standing, base=descent.polished(again))
 
 
 def _with_pairs_from_belief(standing: _Standing, belief: Belief, stopped_as_told: bool) -> _Standing:

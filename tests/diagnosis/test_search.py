@@ -12,7 +12,7 @@ from rfca_rig.diagnosis.judging import judge_of
 from rfca_rig.diagnosis.nuisances import nuisances_of
 from rfca_rig.diagnosis.scatter import Scatter
 from rfca_rig.diagnosis.screening import tried
-from rfca_rig.diagnosis.search import CLEARLY_BETTER, _beside_what_lacks_nothing, _Standing
+from rfca_rig.diagnosis.search import CLEARLY_BETTER, _beside_what_lacks_nothing, _Standing, _with_nothing_again
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
 
@@ -45,6 +45,14 @@ def test_a_name_does_not_lead_because_nothing_missing_was_left_astray(plain):
     assert descent.log_evidence(standing.singles[0]) > descent.log_evidence(standing.base) + 100.0
     found = _beside_what_lacks_nothing(standing, trials)
     assert descent.log_evidence(found.base) > descent.log_evidence(standing.singles[0]) - CLEARLY_BETTER
+
+
+def test_nothing_missing_is_fitted_again_from_where_the_best_explanation_came_to_stand(plain):
+    standing, _ = plain
+    descent = standing.descent
+    found = _with_nothing_again(standing)
+    assert descent.log_evidence(found.base) > descent.log_evidence(standing.singles[0]) - CLEARLY_BETTER
+    assert _with_nothing_again(found) is found
 
 
 def test_what_is_missing_leads_still():
