@@ -167,7 +167,7 @@ def _least_left(found: Found) -> float:
     return float(np.sqrt(np.mean(least.variance() / usual.variance())))
 
 
-def vetoed(before: Floats, after: Floats, floor: float) -> bool:
+def vetoed(before: Floats, after: Floats, floor: Floats) -> bool:
     """Whether a condition comes out worse with the effect, by more than chance does (`floor`).
 
     Where something is missing for sure, one that is still foretold as well as models usually do says nothing against a name.
@@ -189,9 +189,9 @@ def left_out(found: Found, hypothesis: Hypothesis) -> Floats:
     return rms_left_out(hypothesis.fitted.linear(rows.measured), found.judge.usual, rows)
 
 
-def _floor(found: Found) -> float:
-    """By how much a condition may come out worse: what chance does to an rms."""
-    return float(3.0 / np.sqrt(2.0 * len(found.evidence.rows.measured) / max(int(found.evidence.rows.condition.max()) + 1, 1)))
+def _floor(found: Found) -> Floats:
+    """By how much each condition may come out worse, (conditions,): what chance does to an rms of as many rows."""
+    return np.asarray(3.0 / np.sqrt(2.0 * np.bincount(found.evidence.rows.condition)))
 
 
 def _plausible(best: Hypothesis) -> Gate:

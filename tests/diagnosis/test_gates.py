@@ -66,7 +66,14 @@ SMALL = 0.15  # by which chance may make a condition come out worse
     ],
 )
 def test_a_condition_that_comes_out_worse_is_a_veto_unless_it_is_foretold_well_all_the_same(before, after, is_vetoed):
-    assert vetoed(np.array(before), np.array(after), SMALL) == is_vetoed
+    assert vetoed(np.array(before), np.array(after), np.full(3, SMALL)) == is_vetoed
+
+
+def test_chance_does_more_to_a_condition_of_few_rows(played):
+    rows = np.bincount(played.evidence.rows.condition)
+    assert gates._floor(played) == pytest.approx(3.0 / np.sqrt(2.0 * rows))
+    few = replace(played.evidence.rows, condition=np.repeat([0, 1], [rows.sum() - 72, 72]))
+    assert gates._floor(replace(played, evidence=replace(played.evidence, rows=few)))[1] == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize(
@@ -100,6 +107,7 @@ def test_where_a_believed_value_hides_what_is_missing_a_name_need_not_take_much_
     rms = {id(best): np.full(3, 0.7 * before), id(played.nothing): np.full(3, before)}
     monkeypatch.setattr(gates, "left_out", lambda _, hypothesis: rms[id(hypothesis)])
     monkeypatch.setattr(gates, "_relieves", lambda *_: relieves)
+    monkeypatch.setattr(gates, "_floor", lambda _: np.full(3, SMALL))
     assert gates._foretold(played, best).passed == passed
 
 
