@@ -27,7 +27,7 @@ def test_parameters_are_shown_in_a_labs_units_and_none_is_left_out():
     assert shown["ground", "friction coefficient"] == ("0.41", "")
     assert shown["drive", "ramp"] == ("0.05", "s")
     assert shown["leg", "link lengths"][0].startswith("54, 39.333, ")
-    assert len(shown) == 7 + 5 + 1 + 1
+    assert len(shown) == 7 + 7 + 1 + 1
 
 
 @pytest.mark.parametrize(
