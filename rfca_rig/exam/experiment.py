@@ -43,8 +43,8 @@ def stroke_traces(world: World, speed_rad_s: float, step_s: float = STEP_S) -> T
     """One stroke without sensor, from 0.1 s before the command to the end of the sweep."""
     end_s = SWEEP_RAD / speed_rad_s + world.drive.ramp_s
     t_s: Floats = np.arange(-round(BEFORE_S / SAMPLE_S), int(end_s / SAMPLE_S) + 1, dtype=np.float64) * SAMPLE_S
-    knots = np.array([[0.0, world.drive.ramp_s, end_s + 1.0], [0.0, speed_rad_s, speed_rad_s]])
-    knots[0] += world.drive.late_s
+    late_s = world.drive.late_s
+    knots = np.array([[late_s, late_s + world.drive.ramp_s, late_s + end_s + 1.0], [0.0, speed_rad_s, speed_rad_s]])
     return simulate(world, knots, t_s, step_s=step_s)
 
 

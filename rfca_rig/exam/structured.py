@@ -7,7 +7,7 @@ import numpy as np
 from rfca_rig.exam.engine_floor import TYPICAL_DEPTH_M
 from rfca_rig.exam.world import HINGES, LINKS, Floor, World
 
-MOST_POWER = 1.25
+MOST_POWER = 1.25  # of the depth, in how much higher friction acts; and one over it at least
 
 
 @dataclass(frozen=True)
