@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.covariance import Whitening
 from rfca_rig.diagnosis.descent import Descent, Fitted
-from rfca_rig.diagnosis.judging import STRAINED
+from rfca_rig.diagnosis.judging import IMPLAUSIBLE, STRAINED
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +48,9 @@ def _led_elsewhere(descent: Descent, found: Fitted, resets: Sequence[NDArray[np.
     """Where the effects lead from the better of these beginnings, at its very best point if that can come to what was found."""
     begun = [begin for reset in resets if (begin := resized(descent, found, reset)) is not None]
     best = max((descent.descended(begin) for begin in begun), key=descent.log_evidence, default=found)
-    return descent.polished(best) if descent.log_evidence(best) > descent.log_evidence(found) - MAY_GAIN else best
+    refused_anyhow = found.farthest > IMPLAUSIBLE
+    near = descent.log_evidence(best) > descent.log_evidence(found) - MAY_GAIN
+    return descent.polished(best) if near or refused_anyhow else best
 
 
 def resized(descent: Descent, found: Fitted, reset: NDArray[np.bool_]) -> Fitted | None:

@@ -8,6 +8,9 @@ from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.laws import HINGE, LawUse
 from rfca_rig.model.setup import Setup, with_law
 
+# Where hinges bend fast a stop half a degree off does something else altogether
+ANGLES_DEG = (6.0, 8.0, 10.0, 12.0, *(14.0 + 0.4 * n for n in range(51)), 36.0)
+
 
 def torque(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
     beyond = abs(phi) - parameter[0]
@@ -27,8 +30,8 @@ EFFECT = Effect(
     law="T = k (|phi| - angle) sgn(phi) beyond the angle",
     source="one-sided spring",
     parameters=(
-        Parameter("angle_deg", 5.0, 45.0, starts=(6.0, 8.0, 10.0, 12.0, *map(float, range(14, 33)), 36.0)),
-        Parameter("stiffness_Nm_per_rad", 10.0, 1000.0, starts=(25.0,)),
+        Parameter("angle_deg", 5.0, 45.0, starts=ANGLES_DEG),
+        Parameter("stiffness_Nm_per_rad", 10.0, 1000.0, starts=(13.0, 40.0)),
     ),
     apply=apply,
 )
