@@ -45,12 +45,16 @@ def _is_better(descent: Descent, again: Fitted, found: Fitted) -> bool:
 
 
 def _led_elsewhere(descent: Descent, found: Fitted, resets: Sequence[NDArray[np.bool_]]) -> Fitted:
-    """Where the effects lead from the better of these beginnings, at its very best point if that can come to what was found."""
+    """Where the effects lead from the better of these beginnings, at its very best point if that can come to what was found.
+
+    From all of them, and whatever they promise, where what was found could not be claimed anyhow.
+    """
     begun = [begin for reset in resets if (begin := resized(descent, found, reset)) is not None]
-    best = max((descent.descended(begin) for begin in begun), key=descent.log_evidence, default=found)
-    refused_anyhow = found.farthest > IMPLAUSIBLE
-    near = descent.log_evidence(best) > descent.log_evidence(found) - MAY_GAIN
-    return descent.polished(best) if near or refused_anyhow else best
+    led = sorted((descent.descended(begin) for begin in begun), key=descent.log_evidence)
+    if found.farthest > IMPLAUSIBLE:
+        return max(map(descent.polished, led), key=descent.log_evidence, default=found)
+    best = led[-1] if led else found
+    return descent.polished(best) if descent.log_evidence(best) > descent.log_evidence(found) - MAY_GAIN else best
 
 
 def resized(descent: Descent, found: Fitted, reset: NDArray[np.bool_]) -> Fitted | None:

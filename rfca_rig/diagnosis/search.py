@@ -232,14 +232,17 @@ def _clearly_better(descent: Descent, base: Fitted, singles: Sequence[Fitted]) -
 
 
 def _best_polished(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:
-    """The likeliest at its very best point, and those few that come near it; the others stay as they are, far below, and so do all of
-    them if even the best explains next to nothing.
+    """The likeliest at its very best point, and those few that come near it; the others stay as they are, far below.
+
+    Where even the best explains next to nothing its order says little, and those few are polished whatever they are worth.
     """
     ranked = sorted(fits, key=descent.log_evidence, reverse=True)
-    if _all_lost(descent, ranked):
-        return ranked
+    if not ranked:
+        return []
+    lost = _all_lost(descent, ranked)
     best = descent.polished(ranked[0])
-    near = [f for f in ranked[1:POLISHED_BEST] if descent.log_evidence(f) > descent.log_evidence(best) - FAR_BELOW]
+    least = -np.inf if lost else descent.log_evidence(best) - FAR_BELOW
+    near = [f for f in ranked[1:POLISHED_BEST] if descent.log_evidence(f) > least]
     with ThreadPoolExecutor(THREADS) as pool:
         polished = [best, *pool.map(descent.polished, near)]
     least = max(map(descent.log_evidence, polished)) - NEARLY_AS_GOOD
