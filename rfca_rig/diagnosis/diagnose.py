@@ -22,7 +22,7 @@ from rfca_rig.diagnosis.search import Found, Progress, searched
 from rfca_rig.diagnosis.stages import HOLD_S, StageTable, stage_tables
 from rfca_rig.diagnosis.strokes import FlapCondition, flap_condition, turn_of
 from rfca_rig.diagnosis.summing_up import summed_up
-from rfca_rig.diagnosis.turns import ShaftCondition, is_only_late, shaft_condition, turns_as_commanded
+from rfca_rig.diagnosis.turns import ShaftCondition, late_s, obeys, shaft_condition
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import Effect
@@ -40,7 +40,10 @@ SEEN_ON_THE_SHAFT = ("motor_speed_droop", "motor_speed_ripple")
 
 @dataclass(frozen=True)
 class Body:
-    """All that a diagnosis rests on: the model as believed, how well its values are known, and the recordings cut into conditions."""
+    """All that a diagnosis rests on: the model as believed, how well its values are known, and the recordings cut into conditions.
+
+    `as_commanded` says whether every shaft did what it was told, at once or later.
+    """
 
     title: str
     rig: RigModel
@@ -51,11 +54,6 @@ class Body:
     as_commanded: bool
     coordinates: Coordinates
     remarks: tuple[str, ...]
-
-    @property
-    def drive_is_at_fault(self) -> bool:
-        """Whether the shaft did something else than it was told, and not only later."""
-        return not self.as_commanded and not all(is_only_late(shaft, self.rig.drive.ramp_s) for shaft in self.shafts)
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,7 @@ def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits
     evidence = evidence_of([*body.flaps, *tables])
     effects, of_drive = looked_for(_candidates(body), without), looked_for(map(catalogue().__getitem__, SEEN_ON_THE_SHAFT), without)
     leg = searched(evidence, body.coordinates, effects, progress, body.as_commanded)
-    drive = drive_found(body, leg, of_drive, progress) if body.drive_is_at_fault else None
+    drive = drive_found(body, leg, of_drive, progress) if not body.as_commanded else None
     verdicts = Verdicts(leg, decided(leg, len(effects)), drive, None if drive is None else decided(drive, len(of_drive)))
     progress("summing up", 0.97)
     found = summed_up(body, verdicts, effects, limits)
@@ -106,8 +104,9 @@ def _body(recordings: Sequence[Recording]) -> tuple[Body, tuple[StageTable, ...]
     remarks = tuple(f"left out: {flap.reason}" for flap in probed if isinstance(flap, Refused))
     usable = [(c, f) for c, f in zip(conditions, probed, strict=True) if not isinstance(f, Refused)]
     shafts = tuple(s for c, f in usable if (s := shaft_condition(c, float(f.t_s[-1]), rig.drive.ramp_s)) is not None)
-    as_commanded = all(turns_as_commanded(shaft) for shaft in shafts)
-    flaps = tuple(replace(flap, turn=turn_of(condition, not as_commanded)) for condition, flap in usable)
+    as_commanded = all(obeys(shaft, rig.drive.ramp_s) for shaft in shafts)
+    late = {shaft.label: max(late_s(shaft, rig.drive.ramp_s), 0.0) for shaft in shafts}
+    flaps = tuple(replace(flap, turn=turn_of(condition, not as_commanded, late.get(flap.label, 0.0))) for condition, flap in usable)
     known_to = {key: float(value) for key, value in first.known_to.items() if value is not None}
     before_s = _before_start_s(condition for condition, _ in usable)
     coordinates = Coordinates(nuisances_of(rig, known_to, before_s))

@@ -35,7 +35,7 @@ BOUNDED = Tolerance(most_steps=50_000)
 
 @dataclass(frozen=True)
 class Turn:
-    """How the shaft moves: along `recorded`, or where that is None from `start_rad` to `speed_rad_s` as commanded.
+    """How the shaft moves: along `recorded`, or where that is None from `start_rad` to `speed_rad_s` as commanded, but `late_s` later.
 
     `start_rad` is None where no shaft angle was recorded; then the leg starts where it is believed to.
     """
@@ -43,6 +43,7 @@ class Turn:
     speed_rad_s: float
     start_rad: float | None
     recorded: ShaftMotion | None = None
+    late_s: float = 0.0
 
     def motion(self, supposed: Supposed, end_s: float) -> ShaftMotion:
         """The motion under what is supposed of the encoder's zero and the drive's ramp."""
@@ -52,7 +53,7 @@ class Turn:
             coefficients[:, 0] += supposed.turn_offset_rad
             return replace(self.recorded, coefficients=coefficients)
         start_rad = leg.start_angle_rad if self.start_rad is None else self.start_rad + supposed.turn_offset_rad
-        return ramp_to_speed(start_rad, self.speed_rad_s, drive.ramp_s, end_s)
+        return ramp_to_speed(start_rad, self.speed_rad_s, drive.ramp_s, end_s).later(self.late_s)
 
 
 @dataclass(frozen=True)
@@ -141,15 +142,18 @@ def flap_condition(condition: Condition, noise_std: Mapping[str, float | None], 
     return FlapCondition(condition.label, condition.height_m, turn, time[inside], first, signals, repeats, phases, noise, valley)
 
 
-def turn_of(condition: Condition, follows_recorded: bool) -> Turn:
-    """The turn of a condition: as commanded from its mean recorded start, or along the mean of its recorded angles."""
+def turn_of(condition: Condition, follows_recorded: bool, late_s: float = 0.0) -> Turn:
+    """The turn of a condition: as commanded from its mean recorded start, `late_s` later, or along the mean of its recorded angles.
+
+    What obeys is better known from its command: a recorded turn followed smoothly rounds the ends of a ramp off.
+    """
     traces = [trace for stroke in condition.strokes if (trace := stroke.channel("shaft_angle_rad")) is not None]
     if not traces:
         return Turn(condition.speed_rad_s, None)
     starts = [angle[t_s <= 0.0].mean() if (t_s <= 0.0).any() else angle[0] for t_s, angle in traces]
     start = float(np.mean(starts))
     if not follows_recorded:
-        return Turn(condition.speed_rad_s, start)
+        return Turn(condition.speed_rad_s, start, late_s=late_s)
     shortest = min((t_s for t_s, _ in traces), key=len)
     mean = np.mean([np.interp(shortest, t_s, angle) for t_s, angle in traces], axis=0)
     return Turn(condition.speed_rad_s, start, follow(shortest, mean))

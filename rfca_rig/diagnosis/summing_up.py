@@ -16,7 +16,7 @@ from rfca_rig.diagnosis.next_experiment import next_experiment
 from rfca_rig.diagnosis.result import Diagnosis, Gate, NamedEffect, NotSeen, Overlay, Rival, Value, Verdict
 from rfca_rig.diagnosis.screening import projection_of
 from rfca_rig.diagnosis.search import Found, Hypothesis
-from rfca_rig.diagnosis.turns import late_s
+from rfca_rig.diagnosis.turns import late_s, turns_as_commanded
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import PresentEffect
@@ -178,9 +178,9 @@ def _remarks(body: "Body", leg: Found) -> tuple[str, ...]:
 
 def _late(body: "Body", verdicts: "Verdicts") -> tuple[str, ...]:
     """How late the drive does what it is told, where that shows: a gain that is fitted without it is wrong."""
-    if body.as_commanded:
-        return ()
     if verdicts.drive_decision is None:
+        if all(turns_as_commanded(shaft) for shaft in body.shafts):
+            return ()
         late_ms = 1e3 * float(np.mean([late_s(shaft, body.rig.drive.ramp_s) for shaft in body.shafts]))
         return (f"but for being {late_ms:.1f} ms late the drive does what it is told",)
     fitted_ms = _values(verdicts.drive_decision.accepted)["command_delay"]

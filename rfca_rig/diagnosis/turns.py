@@ -122,6 +122,11 @@ def is_only_late(shaft: ShaftCondition, ramp_s: float) -> bool:
     return _beside_delay_rad(shaft, ramp_s) < BUT_LATE_RAD
 
 
+def obeys(shaft: ShaftCondition, ramp_s: float) -> bool:
+    """Whether the shaft did what it was told, at once or later."""
+    return turns_as_commanded(shaft) or is_only_late(shaft, ramp_s)
+
+
 def disobedience(shaft: ShaftCondition, ramp_s: float) -> float:
     """How far the shaft is from what it was told, 1 where it neither turns as commanded nor only later."""
     return min(rms(shaft.away_rad) / AS_COMMANDED_RAD, _beside_delay_rad(shaft, ramp_s) / BUT_LATE_RAD)

@@ -1,6 +1,6 @@
 """Prescribed motion of the shaft: the commanded ramp, or a recorded turn followed smoothly."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,10 @@ class ShaftMotion:
         x = t_s - self.breaks_s[i]
         c = self.coefficients[i].T
         return np.asarray(c[0] + x * (c[1] + x * (c[2] + x * c[3])))
+
+    def later(self, by_s: float) -> "ShaftMotion":
+        """The same, `by_s` later."""
+        return replace(self, breaks_s=self.breaks_s + by_s, landings_s=self.landings_s + by_s)
 
     def standing_since(self, begin_s: float) -> "ShaftMotion":
         """The same from t = 0 on, and the shaft at rest where it is at 0 from `begin_s` (below 0) till then."""
