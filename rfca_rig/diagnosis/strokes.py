@@ -145,7 +145,7 @@ def flap_condition(condition: Condition, noise_std: Mapping[str, float | None], 
 def turn_of(condition: Condition, follows_recorded: bool, late_s: float = 0.0) -> Turn:
     """The turn of a condition: as commanded from its mean recorded start, `late_s` later, or along the mean of its recorded angles.
 
-    What obeys is better known from its command: a recorded turn followed smoothly rounds the ends of a ramp off.
+    What obeys is better known from its command: what an encoder adds shakes no leg.
     """
     traces = [trace for stroke in condition.strokes if (trace := stroke.channel("shaft_angle_rad")) is not None]
     if not traces:

@@ -31,7 +31,7 @@ NOISE = {"fy_N": 0.1, "fz_N": 0.15, "tx_Nm": 0.006}
 STD = {"height": 0.1, "friction": 0.008, "start_angle": 0.1}
 
 
-def recorded(rig: RigModel, conditions: Sequence[tuple[float, float]], with_shaft: bool = True) -> list[Stroke]:
+def recorded(rig: RigModel, conditions: Sequence[tuple[float, float]], with_shaft: bool = True, encoder_rad: float = 1e-5) -> list[Stroke]:
     """One stroke at each (height in mm, speed), the sensor's noise in it."""
     random = np.random.default_rng(3)
     strokes = []
@@ -39,7 +39,9 @@ def recorded(rig: RigModel, conditions: Sequence[tuple[float, float]], with_shaf
         t_s = np.arange(-0.1, 3.4 / speed_rad_s, 1e-3)
         found = stroke_at_speed(rig, 1e-3 * height_mm, speed_rad_s, t_s)
         noisy = {name: Column(getattr(found, name) + std * random.standard_normal(len(t_s)), "") for name, std in NOISE.items()}
-        shaft = {"shaft_angle_rad": Column(found.shaft_angle_rad + 1e-5 * random.standard_normal(len(t_s)), "rad")} if with_shaft else {}
+        shaft = (
+            {"shaft_angle_rad": Column(found.shaft_angle_rad + encoder_rad * random.standard_normal(len(t_s)), "rad")} if with_shaft else {}
+        )
         strokes.append(Stroke(1e-3 * height_mm, speed_rad_s, 1, {"table": Stream(t_s, noisy | shaft)}))
     return strokes
 

@@ -4,13 +4,15 @@ from dataclasses import replace
 
 import pytest
 
+from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.diagnosis.deciding import decided
 from rfca_rig.diagnosis.diagnose import SEEN_ON_THE_SHAFT, drive_found
+from rfca_rig.diagnosis.rows import rms
 from rfca_rig.diagnosis.search import Found
 from rfca_rig.diagnosis.strokes import turn_of
 from rfca_rig.diagnosis.summing_up import _late
-from rfca_rig.diagnosis.turns import is_only_late, late_s, shaft_condition, turns_as_commanded
+from rfca_rig.diagnosis.turns import is_only_late, late_s, obeys, shaft_condition, turns_as_commanded
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import RigModel
 from tests.diagnosis.by_hand import RIG, body_of, flaps_of, found_among, late, nothing_missing, present, recorded, verdicts_of
@@ -60,6 +62,23 @@ def test_a_shaft_that_is_only_late_is_no_case_for_the_drive():
     assert not turns_as_commanded(shaft)
     assert is_only_late(shaft, RIG.drive.ramp_s)
     assert late_s(shaft, RIG.drive.ramp_s) == pytest.approx(3e-3, rel=0.01)
+
+
+def test_a_leg_behind_a_late_shaft_that_obeys_turns_by_its_command():
+    """Along the recorded turn it would be shaken by the encoder's noise."""
+    strokes = [late(stroke, LATE_S) for stroke in recorded(RIG, THREE, encoder_rad=3e-4)]
+    conditions, flaps = conditions_of(strokes), flaps_of(strokes)
+    shafts = shafts_of(strokes, flaps)
+    assert all(obeys(shaft, RIG.drive.ramp_s) for shaft in shafts)
+
+    def missed(turns):
+        behind = [replace(f, turn=turn) for f, turn in zip(flaps, turns, strict=True)]
+        return max(rms((flap.simulated(Supposed(RIG)) - flap.rows().measured) / flap.rows().noise) for flap in behind)
+
+    by_command = missed([turn_of(c, False, late_s(shaft, RIG.drive.ramp_s)) for c, shaft in zip(conditions, shafts, strict=True)])
+    assert by_command < 1.15
+    assert missed([turn_of(c, True) for c in conditions]) > 1.15 * by_command
+    assert missed([turn_of(c, False) for c in conditions]) > 10.0 * by_command
 
 
 def test_a_shaft_that_sags_is_not_only_late():

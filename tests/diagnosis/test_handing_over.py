@@ -42,6 +42,16 @@ def test_a_floor_that_is_soft_does_not_stay_a_contact_far_from_believed(descent)
     assert found.coordinates.supposed(found.x).rig.effects[0].values[0][1] == pytest.approx(8600.0, rel=0.1)
 
 
+def test_what_could_not_be_claimed_is_led_from_everywhere_whatever_it_promises(descent, monkeypatch):
+    """A descent may stop far below where new slopes would take it; that costs nothing where the answer had to be refused."""
+    astray, promising, led = begun(descent, -3.9, -0.46), begun(descent, -0.5, -0.9), begun(descent, 0.0, -1.2)
+    evidence = {id(astray): 0.0, id(promising): -1000.0, id(led): 100.0}
+    monkeypatch.setattr(Descent, "descended", lambda *_: promising)
+    monkeypatch.setattr(Descent, "polished", lambda _, fitted: led if fitted is promising else fitted)
+    monkeypatch.setattr(Descent, "log_evidence", lambda _, fitted: evidence[id(fitted)])
+    assert handed_over(descent, astray) is led
+
+
 def test_what_is_not_strained_stays_as_it_is(descent):
     found = begun(descent, -1.0, -1.2)
     assert handed_over(descent, found) is found

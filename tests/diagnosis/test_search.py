@@ -12,7 +12,14 @@ from rfca_rig.diagnosis.judging import judge_of
 from rfca_rig.diagnosis.nuisances import nuisances_of
 from rfca_rig.diagnosis.scatter import Scatter
 from rfca_rig.diagnosis.screening import tried
-from rfca_rig.diagnosis.search import CLEARLY_BETTER, _beside_what_lacks_nothing, _Standing, _with_nothing_again
+from rfca_rig.diagnosis.search import (
+    CLEARLY_BETTER,
+    POLISHED_BEST,
+    _beside_what_lacks_nothing,
+    _best_polished,
+    _Standing,
+    _with_nothing_again,
+)
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
 
@@ -53,6 +60,19 @@ def test_nothing_missing_is_fitted_again_from_where_the_best_explanation_came_to
     found = _with_nothing_again(standing)
     assert descent.log_evidence(found.base) > descent.log_evidence(standing.singles[0]) - CLEARLY_BETTER
     assert _with_nothing_again(found) is found
+
+
+@pytest.mark.parametrize(("lost", "polished"), [(True, POLISHED_BEST), (False, 1)])
+def test_where_all_are_lost_the_best_few_are_polished_however_far_below(plain, monkeypatch, lost, polished):
+    standing, _ = plain
+    fits = [replace(standing.singles[0]) for _ in range(4)]
+    evidence = {id(fitted): -1000.0 * place for place, fitted in enumerate(fits)}
+    seen = []
+    monkeypatch.setattr("rfca_rig.diagnosis.search.is_lost", lambda *_: lost)
+    monkeypatch.setattr(Descent, "log_evidence", lambda _, fitted: evidence[id(fitted)])
+    monkeypatch.setattr(Descent, "polished", lambda _, fitted: seen.append(fitted) or fitted)
+    assert _best_polished(standing.descent, fits[::-1]) == fits
+    assert seen == fits[:polished]
 
 
 def test_what_is_missing_leads_still():

@@ -50,7 +50,12 @@ def test_a_drive_that_is_late_is_no_cause(tmp_path):
 
 @pytest.mark.parametrize(
     ("effect", "values"),
-    [("hinge_backlash", {"half_gap_deg": 0.9}), ("height_offset", {"offset_mm": 3.0}), ("motor_speed_droop", None)],
+    [
+        ("hinge_backlash", {"half_gap_deg": 0.9}),
+        ("height_offset", {"offset_mm": 3.0}),
+        ("hinge_stop", {"angle_deg": 22.6, "stiffness_Nm_per_rad": 12.5}),  # soft, and seen within a quarter of a degree only
+        ("motor_speed_droop", None),
+    ],
 )
 def test_what_was_left_out_is_named_with_its_size(tmp_path, effect, values):
     values = values or {"kp_Nm_s_per_rad": 4.0, "ki_Nm_per_rad": 25.0}
