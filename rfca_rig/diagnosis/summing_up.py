@@ -53,7 +53,7 @@ def summed_up(body: "Body", verdicts: "Verdicts", effects: Sequence[Effect], lim
         located=places,
         cells=cells,
         effects=named,
-        gates=_gates(verdicts),
+        gates=_gates(verdict, verdicts),
         rivals=_joint_rivals(verdicts),
         not_seen=_not_seen(verdicts, accepted, effects, body),
         fit=before_and_after(leg, accepted),
@@ -114,7 +114,14 @@ def _sentence(verdict: Verdict, named: Sequence[NamedEffect], verdicts: "Verdict
         return f"Not enough data for a verdict: {len(body.flaps)} usable conditions, {FEWEST_CONDITIONS} are needed."
     suspects = [d.suspected for d in _decisions(verdicts) if d.suspected is not None]
     like = f" It behaves partly like {' with '.join(suspects[0].ids)}, which is not claimed." if suspects else ""
-    return f"Something is missing that no entry of the catalogue explains.{like}"
+    return f"Something is missing that no entry of the catalogue explains.{like}{_explained_apart(verdicts)}"
+
+
+def _explained_apart(verdicts: "Verdicts") -> str:
+    """What has a name in the forces or in the shaft's own motion, where the other has something without one."""
+    of_which = zip(("the forces show", "the shaft itself does"), _decisions(verdicts), strict=False)
+    named = [(what, effect) for what, decision in of_which for effect in decision.effects]
+    return "".join(f" What {what} is explained by: {effect.left_out} ({effect.id})." for what, effect in named)
 
 
 def _of_drive(verdict: Verdict, verdicts: "Verdicts") -> tuple[Overlay, ...]:
@@ -123,11 +130,11 @@ def _of_drive(verdict: Verdict, verdicts: "Verdicts") -> tuple[Overlay, ...]:
     return overlays(verdicts.drive, verdicts.drive_decision.accepted if verdict == "named" else verdicts.drive.nothing)
 
 
-def _gates(verdicts: "Verdicts") -> tuple[Gate, ...]:
-    """Those of what was named, or where nothing was, of what came closest."""
+def _gates(verdict: Verdict, verdicts: "Verdicts") -> tuple[Gate, ...]:
+    """Those of what decided: of what was named, or of what came closest where something has no name."""
     decisions = _decisions(verdicts)
-    named = [decision for decision in decisions if decision.verdict == "named"]
-    return tuple(gate for decision in named or decisions for gate in decision.gates)
+    deciding = [decision for decision in decisions if decision.verdict == verdict]
+    return tuple(gate for decision in deciding or decisions for gate in decision.gates)
 
 
 def _joint_rivals(verdicts: "Verdicts") -> tuple[Rival, ...]:

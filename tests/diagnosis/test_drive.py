@@ -8,14 +8,27 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.diagnosis.deciding import decided
 from rfca_rig.diagnosis.diagnose import SEEN_ON_THE_SHAFT, drive_found
+from rfca_rig.diagnosis.result import Gate
 from rfca_rig.diagnosis.rows import rms
 from rfca_rig.diagnosis.search import Found
 from rfca_rig.diagnosis.strokes import turn_of
-from rfca_rig.diagnosis.summing_up import _late
+from rfca_rig.diagnosis.summing_up import _gates, _late, _sentence
 from rfca_rig.diagnosis.turns import is_only_late, late_s, obeys, shaft_condition, turns_as_commanded
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import RigModel
-from tests.diagnosis.by_hand import RIG, body_of, flaps_of, found_among, late, nothing_missing, present, recorded, verdicts_of
+from tests.diagnosis.by_hand import (
+    RIG,
+    body_of,
+    flaps_of,
+    found_among,
+    late,
+    named,
+    nothing_missing,
+    present,
+    recorded,
+    undecided,
+    verdicts_of,
+)
 
 THREE = ((215.0, 2.433), (215.0, 3.249), (235.0, 2.478))
 EFFECTS = [catalogue()[name] for name in SEEN_ON_THE_SHAFT]
@@ -95,3 +108,17 @@ def test_a_drive_that_sags_and_is_late_is_given_its_own_gains():
     assert effect.id == "motor_speed_droop"
     assert effect.parameters["kp_Nm_s_per_rad"].value == pytest.approx(8.0, rel=0.04)
     assert effect.parameters["ki_Nm_per_rad"].value == pytest.approx(60.0, rel=0.04)
+
+
+def test_a_drive_that_is_explained_is_told_beside_forces_that_are_not():
+    flaps = flaps_of(recorded(RIG, THREE[:1]))
+    leg = found_among(flaps, ["tip_mass"])
+    why, passed = Gate("foretells", False, "no condition"), Gate("foretells", True, "every condition")
+    of_leg, of_drive = replace(undecided(leg), gates=(why,)), replace(named(leg), gates=(passed,))
+    verdicts = verdicts_of(leg, of_leg, leg, of_drive)
+    sentence = _sentence("unexplained", (), verdicts, body_of(flaps, leg))
+    assert sentence.startswith("Something is missing that no entry of the catalogue explains. It behaves partly like tip_mass")
+    assert sentence.endswith(f"What the shaft itself does is explained by: {of_drive.effects[0].left_out} (tip_mass).")
+    assert _gates("unexplained", verdicts) == (why,)
+    assert _gates("named", verdicts) == (passed,)
+    assert _gates("not enough data", verdicts) == (why, passed)
