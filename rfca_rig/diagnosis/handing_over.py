@@ -47,13 +47,13 @@ def _is_better(descent: Descent, again: Fitted, found: Fitted) -> bool:
 def _led_elsewhere(descent: Descent, found: Fitted, resets: Sequence[NDArray[np.bool_]]) -> Fitted:
     """Where the effects lead from the better of these beginnings, at its very best point if that can come to what was found.
 
-    From all of them, and whatever they promise, where what was found could not be claimed anyhow.
+    Where what was found could not be claimed anyhow, all of them are first taken down with new slopes, whatever they promise.
     """
     begun = [begin for reset in resets if (begin := resized(descent, found, reset)) is not None]
-    led = sorted((descent.descended(begin) for begin in begun), key=descent.log_evidence)
+    led = [descent.descended(begin) for begin in begun]
     if found.farthest > IMPLAUSIBLE:
-        return max(map(descent.polished, led), key=descent.log_evidence, default=found)
-    best = led[-1] if led else found
+        led = [descent.polished(fitted, rounds=1) for fitted in led]
+    best = max(led, key=descent.log_evidence, default=found)
     return descent.polished(best) if descent.log_evidence(best) > descent.log_evidence(found) - MAY_GAIN else best
 
 

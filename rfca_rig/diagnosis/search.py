@@ -239,13 +239,12 @@ def _best_polished(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:
     ranked = sorted(fits, key=descent.log_evidence, reverse=True)
     if not ranked:
         return []
-    lost = _all_lost(descent, ranked)
     best = descent.polished(ranked[0])
-    least = -np.inf if lost else descent.log_evidence(best) - FAR_BELOW
+    least = -np.inf if is_lost(descent, ranked[0]) else descent.log_evidence(best) - FAR_BELOW
     near = [f for f in ranked[1:POLISHED_BEST] if descent.log_evidence(f) > least]
     with ThreadPoolExecutor(THREADS) as pool:
         polished = [best, *pool.map(descent.polished, near)]
-    least = max(map(descent.log_evidence, polished)) - NEARLY_AS_GOOD
+    least = np.inf if _all_lost(descent, polished) else max(map(descent.log_evidence, polished)) - NEARLY_AS_GOOD
     led = [handed_over(descent, fitted) if descent.log_evidence(fitted) >= least else fitted for fitted in polished]
     return [*led, *ranked[1 + len(near) :]]
 
