@@ -47,7 +47,7 @@ def test_what_could_not_be_claimed_is_led_from_everywhere_whatever_it_promises(d
     astray, promising, led = begun(descent, -3.9, -0.46), begun(descent, -0.5, -0.9), begun(descent, 0.0, -1.2)
     evidence = {id(astray): 0.0, id(promising): -1000.0, id(led): 100.0}
     monkeypatch.setattr(Descent, "descended", lambda *_: promising)
-    monkeypatch.setattr(Descent, "polished", lambda _, fitted, rounds=4: led if fitted is promising else fitted)
+    monkeypatch.setattr(Descent, "polished", lambda _, fitted, **_rounds: led if fitted is promising else fitted)
     monkeypatch.setattr(Descent, "log_evidence", lambda _, fitted: evidence[id(fitted)])
     assert handed_over(descent, astray) is led
 
