@@ -4,6 +4,7 @@ A hypothesis far from the data is judged by a wide model error, which shrinks as
 explain would drive the nuisances to the ends of their priors.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,7 +67,7 @@ class Descent:
         if predicted is None:
             return None
         left = np.empty((len(predicted), 0)) if known_slope is None else known_slope
-        columns = [self._column(coordinates, x, predicted, i, STEP) for i in range(left.shape[1], coordinates.size)]
+        columns = self._columns(coordinates, x, predicted, dict.fromkeys(range(left.shape[1], coordinates.size), STEP))
         return self._fitted(coordinates, x, predicted, np.column_stack([left, *columns]))
 
     def _fitted(self, coordinates: Coordinates, x: Floats, predicted: Floats, slope: Floats) -> Fitted:
@@ -94,8 +95,7 @@ class Descent:
         return here
 
     def _with_new_slopes(self, here: Fitted) -> Fitted:
-        steps = _widths(here.size)
-        columns = [self._column(here.coordinates, here.x, here.predicted, i, step) for i, step in enumerate(steps)]
+        columns = self._columns(here.coordinates, here.x, here.predicted, dict(enumerate(_widths(here.size))))
         return self._fitted(here.coordinates, here.x, here.predicted, np.column_stack(columns))
 
     def _down(self, here: Fitted, whitening: AtError, rounds: int) -> Fitted:
@@ -153,9 +153,9 @@ class Descent:
     def _renewed(self, here: Fitted, x: Floats, predicted: Floats) -> Fitted:
         """At x, all slopes updated, those of the effects' parameters by differences."""
         slope = self._learnt(here, x, predicted).slope
-        widths = _widths(here.size)
-        for i in range(here.coordinates.nuisances, here.coordinates.size):
-            slope[:, i] = self._column(here.coordinates, x, predicted, i, widths[i])
+        of_effects = dict(list(enumerate(_widths(here.size)))[here.coordinates.nuisances :])
+        for i, column in zip(of_effects, self._columns(here.coordinates, x, predicted, of_effects), strict=True):
+            slope[:, i] = column
         return replace(here, x=x, predicted=predicted, slope=self._aligned(here.coordinates, slope))
 
     def _aligned(self, coordinates: Coordinates, slope: Floats) -> Floats:
@@ -173,16 +173,20 @@ class Descent:
                     slope[:, nuisance] = slope[:, effect] * alike * norm[nuisance] / norm[effect]
         return slope
 
-    def _column(self, coordinates: Coordinates, x: Floats, predicted: Floats, i: int, width: float) -> Floats:
-        """One slope by a difference towards the middle of the prior; zero where the model has no answer on either side."""
-        inwards = -width if x[i] > 0.0 else width
-        for step in (inwards, -inwards):
-            moved = x.copy()
-            moved[i] += step
-            there = self.evidence.predicted(coordinates.supposed(moved))
-            if there is not None:
-                return np.asarray((there - predicted) / step)
-        return np.zeros(len(predicted))
+    def _columns(self, coordinates: Coordinates, x: Floats, predicted: Floats, widths: Mapping[int, float]) -> list[Floats]:
+        """The slopes of these unknowns by differences of these widths, towards the middle of the prior; away from it where the model has
+        no answer there, and zero where it has none on either side.
+        """
+        inwards = {i: -width if x[i] > 0.0 else width for i, width in widths.items()}
+        found = self._moved(coordinates, x, inwards)
+        outwards = {i: -step for i, step in inwards.items() if found[i] is None}
+        found, steps = found | self._moved(coordinates, x, outwards), inwards | outwards
+        return [np.zeros(len(predicted)) if (rows := found[i]) is None else (rows - predicted) / steps[i] for i in widths]
+
+    def _moved(self, coordinates: Coordinates, x: Floats, steps: Mapping[int, float]) -> dict[int, Floats | None]:
+        """The model's rows a step away from x, by the unknown that is moved."""
+        places = [coordinates.supposed(np.where(np.arange(len(x)) == i, x + step, x)) for i, step in steps.items()]
+        return dict(zip(steps, self.evidence.predicted_all(places), strict=True))
 
 
 def _widths(size: Floats) -> Floats:

@@ -5,6 +5,8 @@ the roughness of a model with touchdowns in it. A descent that came from the nui
 """
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.covariance import Whitening
 from rfca_rig.diagnosis.descent import Descent, Fitted
+from rfca_rig.diagnosis.evidence import THREADS
 from rfca_rig.diagnosis.judging import IMPLAUSIBLE, STRAINED
 
 Floats = NDArray[np.float64]
@@ -50,9 +53,10 @@ def _led_elsewhere(descent: Descent, found: Fitted, resets: Sequence[NDArray[np.
     Where what was found could not be claimed anyhow, all of them are first taken down with new slopes, whatever they promise.
     """
     begun = [begin for reset in resets if (begin := resized(descent, found, reset)) is not None]
-    led = [descent.descended(begin) for begin in begun]
-    if found.farthest > IMPLAUSIBLE:
-        led = [descent.polished(fitted, rounds=1) for fitted in led]
+    with ThreadPoolExecutor(THREADS) as pool:
+        led = list(pool.map(descent.descended, begun))
+        if found.farthest > IMPLAUSIBLE:
+            led = list(pool.map(partial(descent.polished, rounds=1), led))
     best = max(led, key=descent.log_evidence, default=found)
     return descent.polished(best) if descent.log_evidence(best) > descent.log_evidence(found) - MAY_GAIN else best
 

@@ -244,9 +244,9 @@ def _best_polished(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:
     near = [f for f in ranked[1:POLISHED_BEST] if descent.log_evidence(f) > least]
     with ThreadPoolExecutor(THREADS) as pool:
         polished = [best, *pool.map(descent.polished, near)]
-    least = np.inf if _all_lost(descent, polished) else max(map(descent.log_evidence, polished)) - NEARLY_AS_GOOD
-    led = [handed_over(descent, fitted) if descent.log_evidence(fitted) >= least else fitted for fitted in polished]
-    return [*led, *ranked[1 + len(near) :]]
+        least = np.inf if _all_lost(descent, polished) else max(map(descent.log_evidence, polished)) - NEARLY_AS_GOOD
+        led = pool.map(lambda f: handed_over(descent, f) if descent.log_evidence(f) >= least else f, polished)
+        return [*led, *ranked[1 + len(near) :]]
 
 
 def _weighed(standing: _Standing, trials: Sequence[Trial], effects: int) -> Found:
