@@ -8,7 +8,7 @@ from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.laws import HINGE, LawUse
 from rfca_rig.model.setup import Setup, with_law
 
-# Where hinges bend fast a stop half a degree off does something else altogether
+# Forces tell a stop to a quarter of a degree: one that is half a degree off promises nothing
 ANGLES_DEG = (6.0, 8.0, 10.0, 12.0, *(14.0 + 0.4 * n for n in range(51)), 36.0)
 
 
