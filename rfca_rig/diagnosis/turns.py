@@ -117,14 +117,9 @@ def turns_as_commanded(shaft: ShaftCondition) -> bool:
     return rms(shaft.away_rad) < AS_COMMANDED_RAD
 
 
-def is_only_late(shaft: ShaftCondition, ramp_s: float) -> bool:
-    """Whether the shaft did what it was told, though `late_s` later."""
-    return _beside_delay_rad(shaft, ramp_s) < BUT_LATE_RAD
-
-
 def obeys(shaft: ShaftCondition, ramp_s: float) -> bool:
-    """Whether the shaft did what it was told, at once or later."""
-    return turns_as_commanded(shaft) or is_only_late(shaft, ramp_s)
+    """Whether the shaft did what it was told, at once or `late_s` later."""
+    return disobedience(shaft, ramp_s) < 1.0
 
 
 def disobedience(shaft: ShaftCondition, ramp_s: float) -> float:

@@ -39,10 +39,9 @@ def recorded(rig: RigModel, conditions: Sequence[tuple[float, float]], with_shaf
         t_s = np.arange(-0.1, 3.4 / speed_rad_s, 1e-3)
         found = stroke_at_speed(rig, 1e-3 * height_mm, speed_rad_s, t_s)
         noisy = {name: Column(getattr(found, name) + std * random.standard_normal(len(t_s)), "") for name, std in NOISE.items()}
-        shaft = (
-            {"shaft_angle_rad": Column(found.shaft_angle_rad + encoder_rad * random.standard_normal(len(t_s)), "rad")} if with_shaft else {}
-        )
-        strokes.append(Stroke(1e-3 * height_mm, speed_rad_s, 1, {"table": Stream(t_s, noisy | shaft)}))
+        if with_shaft:
+            noisy["shaft_angle_rad"] = Column(found.shaft_angle_rad + encoder_rad * random.standard_normal(len(t_s)), "rad")
+        strokes.append(Stroke(1e-3 * height_mm, speed_rad_s, 1, {"table": Stream(t_s, noisy)}))
     return strokes
 
 

@@ -13,7 +13,7 @@ from rfca_rig.diagnosis.rows import rms
 from rfca_rig.diagnosis.search import Found
 from rfca_rig.diagnosis.strokes import turn_of
 from rfca_rig.diagnosis.summing_up import _gates, _late, _sentence
-from rfca_rig.diagnosis.turns import is_only_late, late_s, obeys, shaft_condition, turns_as_commanded
+from rfca_rig.diagnosis.turns import late_s, obeys, shaft_condition, turns_as_commanded
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import RigModel
 from tests.diagnosis.by_hand import (
@@ -73,7 +73,7 @@ def test_a_shaft_that_is_only_late_is_no_case_for_the_drive():
     strokes = [late(stroke, LATE_S) for stroke in recorded(RIG, THREE[:1])]
     (shaft,) = shafts_of(strokes, flaps_of(strokes))
     assert not turns_as_commanded(shaft)
-    assert is_only_late(shaft, RIG.drive.ramp_s)
+    assert obeys(shaft, RIG.drive.ramp_s)
     assert late_s(shaft, RIG.drive.ramp_s) == pytest.approx(3e-3, rel=0.01)
 
 
@@ -97,7 +97,7 @@ def test_a_leg_behind_a_late_shaft_that_obeys_turns_by_its_command():
 def test_a_shaft_that_sags_is_not_only_late():
     strokes = recorded(replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=30.0, ki_Nm_per_rad=500.0),)), THREE[:1])
     (shaft,) = shafts_of(strokes, flaps_of(strokes))
-    assert not is_only_late(shaft, RIG.drive.ramp_s)
+    assert not obeys(shaft, RIG.drive.ramp_s)
 
 
 def test_a_drive_that_sags_and_is_late_is_given_its_own_gains():
