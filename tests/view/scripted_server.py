@@ -85,18 +85,19 @@ class ScriptedServer:
             return
         await socket.accept()
         self.loop = asyncio.get_running_loop()
+        self._sockets.append(socket)  # before the page hears anything: whoever sees the state on it may hang up at once
+        beat = asyncio.ensure_future(self._beat(socket))
+        with suppress(WebSocketDisconnect):
+            await self._talk(socket)
+        beat.cancel()
+        self._sockets.remove(socket)
+
+    async def _talk(self, socket: WebSocket) -> None:
         await socket.send_text(json.dumps(self.hello))
         await socket.send_text(json.dumps(self.state))
-        self._sockets.append(socket)
-        beat = asyncio.ensure_future(self._beat(socket))
-        try:
-            while True:
-                said = await socket.receive_text()
-                self.heard.append(json.loads(said))
-        except WebSocketDisconnect:
-            self._sockets.remove(socket)
-        finally:
-            beat.cancel()
+        while True:
+            said = await socket.receive_text()
+            self.heard.append(json.loads(said))  # into the list of now: a test may have begun since
 
     async def _beat(self, socket: WebSocket) -> None:
         with suppress(RuntimeError, WebSocketDisconnect):
