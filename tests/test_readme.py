@@ -27,6 +27,7 @@ def clone(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_commands_run_as_written(clone, monkeypatch, capsys):
     for line in block("commands").splitlines():
         program, *words = shlex.split(line)
@@ -34,6 +35,7 @@ def test_the_commands_run_as_written(clone, monkeypatch, capsys):
         assert typed(monkeypatch, capsys, *words).exit_code == 0, line
 
 
+@pytest.mark.slow
 def test_the_next_five_minutes_are_as_shown(clone, monkeypatch, capsys):
     """All but the view, which goes on until somebody ends it."""
     exit_codes = {"doctor": (0, 1), "dynamic": (3,)}
@@ -47,6 +49,7 @@ def test_the_next_five_minutes_are_as_shown(clone, monkeypatch, capsys):
                 assert all(" ".join(told.split()) in " ".join(said.err.split()) for told in shown.split(" ... "))
 
 
+@pytest.mark.slow
 def test_the_whole_job_ends_in_a_report_and_the_snippet_reads_its_recording(clone, monkeypatch, capsys):
     run, diagnose = (shlex.split(part) for part in block("job").split("&&")[-2:])
     assert run[0] == diagnose[0] == ".venv/bin/rfca-rig"

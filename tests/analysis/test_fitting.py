@@ -109,6 +109,7 @@ def test_known_parameters_are_found_again(shaft):
     assert result.chi2 < 0.2 * result.chi2_before
 
 
+@pytest.mark.slow
 def test_standard_errors_are_the_errors_made():
     z = []
     for seed in range(10):

@@ -54,6 +54,7 @@ def test_a_rig_file_names_its_force_sensor(tmp_path, device, section, driver):
         assert rig.facts().rates.force_Hz == rig.force_sensor.rate_Hz
 
 
+@pytest.mark.slow
 def test_a_dynamic_run_works_with_each_sensor_and_they_measure_the_same_valley(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     valleys = {}

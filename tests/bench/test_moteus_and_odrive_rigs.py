@@ -49,6 +49,7 @@ def run(folder: Path, motor: str) -> tuple[Recording, dict[str, str]]:
         return file.finish(), bench.motor.identity()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("motor", "named"),
     [

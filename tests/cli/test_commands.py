@@ -92,6 +92,7 @@ def test_json_owns_the_output(here, monkeypatch, capsys):
     assert answer["strokes"][0]["valley_fz_N"] == pytest.approx(-39.7, abs=2.0)
 
 
+@pytest.mark.slow
 def test_a_seed_makes_a_run_repeatable_and_another_seed_makes_another(here, monkeypatch, capsys):
     for seed in (7, 7, 8):
         typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 1, "--seed", seed)
@@ -107,6 +108,7 @@ def test_a_dry_run_leaves_nothing(here, monkeypatch, capsys):
     assert list(here.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_static_run_records_settled_stages(here, monkeypatch, capsys):
     protocol = here / "short.toml"
     text = (Path(__file__).parents[2] / "protocols" / "static-angle.toml").read_text()

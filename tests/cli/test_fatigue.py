@@ -69,6 +69,7 @@ class Wearing:
         self._carry_out(plan, bench, recorder, *more)
 
 
+@pytest.mark.slow
 def test_a_leg_that_has_become_too_soft_ends_the_run(here, monkeypatch, capsys):
     import rfca_rig.cli.running
 
@@ -89,6 +90,7 @@ def test_a_leg_that_has_become_too_soft_ends_the_run(here, monkeypatch, capsys):
     assert again.exit_code == 4
 
 
+@pytest.mark.slow
 def test_cycles_are_counted_and_the_results_are_there_as_data(here, monkeypatch, capsys):
     said = typed(monkeypatch, capsys, "fatigue", "run", "--protocol", protocol(here), "--cycles", 3, "--json")
     assert said.exit_code == 0

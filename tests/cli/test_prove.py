@@ -55,6 +55,7 @@ def all_gone(pids: list[int]) -> bool:
     return True
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="asks Linux whether a process is alive")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT], ids=["kill", "^C"])
 def test_a_stopped_exam_leaves_nobody_behind_and_goes_on_where_it_stood(monkeypatch, capsys, tmp_path, how):

@@ -80,6 +80,7 @@ def killed(here, words, when):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no signal that cannot be caught")
 def test_a_run_killed_without_warning_goes_on_to_its_end(here, monkeypatch, capsys):
     folder = killed(here, ["dynamic", "run", *CONDITION, "--repeats", 4], lambda folder: len(stage_files(folder)) >= 1)
@@ -113,6 +114,7 @@ def rows(folder):
 FEW = (("every = 10_000", "every = 12"), ("[75.0, 100.0, 125.0]", "[100.0]"), ("for_s = 0.3", "for_s = 0.1"))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no signal that cannot be caught")
 def test_a_cycle_is_never_counted_twice_nor_left_out_though_the_run_is_killed_among_them(here, monkeypatch, capsys):
     text = (ROOT / "protocols" / "fatigue.toml").read_text()
@@ -238,6 +240,7 @@ def test_a_part_that_records_nothing_leaves_the_run_with_what_it_had(stopped, mo
     assert first["seed"] != second["seed"]
 
 
+@pytest.mark.slow
 def test_a_static_run_goes_on_with_its_photos_numbered_on_and_all_of_them_read(here, monkeypatch, capsys):
     head = (ROOT / "protocols" / "static-angle.toml").read_text().partition("[[stages]]")[0].replace("[215.0, 235.0]", "[235.0]")
     head = head.replace("move_speed_rad_s = 0.4", "move_speed_rad_s = 1.6")

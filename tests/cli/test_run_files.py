@@ -111,6 +111,7 @@ def test_a_simulated_run_is_the_same_in_every_byte_of_every_file(here, monkeypat
     assert [name for name in names[0] if (one / name).read_bytes() != (other / name).read_bytes()] == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no signal that cannot be caught")
 def test_a_run_killed_without_warning_is_recovered_with_the_stage_that_was_in_progress(here):
     code = "from rfca_rig.cli.main import run; run()"

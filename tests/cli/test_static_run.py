@@ -54,6 +54,7 @@ def static_run(here, monkeypatch, capsys, *stages, head=HEAD, words=()):
     return typed(monkeypatch, capsys, "static", "run", "--protocol", protocol(here, *stages, head=head), *words)
 
 
+@pytest.mark.slow
 def test_stages_have_hinge_angles_photos_and_overlays_and_everybody_can_read_the_run(here, monkeypatch, capsys, two_stages):
     folder, answer = two_stages
     kept = read_recording(folder / "run.h5")
@@ -73,6 +74,7 @@ def test_stages_have_hinge_angles_photos_and_overlays_and_everybody_can_read_the
     assert f"{kept.static[0].hinge_deg[0]:.2f}".replace("-", "\u2212") in (here / "report" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_another_one_other_photos(here, monkeypatch, capsys):
     for seed in (3, 3, 4):
         assert static_run(here, monkeypatch, capsys, (60.0, "loading"), words=("--seed", seed)).exit_code == 0

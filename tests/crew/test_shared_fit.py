@@ -1,6 +1,7 @@
 """A fit whose starts are shared out."""
 
 import numpy as np
+import pytest
 
 from rfca_rig.analysis.fitting.fit import Search
 from rfca_rig.analysis.fitting.parameters import Supposed
@@ -19,6 +20,7 @@ def stronger(height_m: float, speed_rad_s: float) -> ValleyRow:
     return ValleyRow(height_m, speed_rad_s, valley.time_s, 1.03 * valley.fz_N, 0.01, 0.1)
 
 
+@pytest.mark.slow
 def test_a_fit_has_the_same_bits_wherever_its_starts_are_computed():
     rows = [stronger(*condition) for condition in CONDITIONS]
 

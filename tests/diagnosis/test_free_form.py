@@ -112,6 +112,7 @@ def test_the_series_is_the_terms_it_is_named_after_and_knows_its_slopes():
     assert found[1:] == pytest.approx(((ahead - found[0]) * 1e6, (beside - found[0]) * 1e6), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_damping_of_the_hinges_that_nobody_listed_is_found_there_with_its_law(tmp_path):
     found = told(tmp_path, {"hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": 0.05}})
     assert found.place == "hinges"
@@ -121,6 +122,7 @@ def test_a_damping_of_the_hinges_that_nobody_listed_is_found_there_with_its_law(
     assert quadratic.unit == "N m per rad^2/s^2"
 
 
+@pytest.mark.slow
 def test_a_cable_that_drags_at_the_shaft_is_found_there(tmp_path):
     found = told(tmp_path, {"cable_drag": {"torque_Nm": 0.3}})
     assert found.place == "shaft"

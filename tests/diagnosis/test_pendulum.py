@@ -117,6 +117,7 @@ def test_of_a_simulated_pendulum_nothing_is_claimed_where_believed_values_alone_
     assert diagnosed(simulated(pendulum=other)).verdict == "nothing missing"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("id_", "name", "value"),
     [("joint_inertia", "inertia_kg_m2", 0.02), ("added_mass", "mass_kg", 0.15), ("joint_friction", "torque_Nm", 0.1)],

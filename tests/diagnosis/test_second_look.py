@@ -112,6 +112,7 @@ def test_pairs_that_promise_next_to_nothing_are_not_fitted(signatures):
     assert _promising_together(plain(own + 5.0 * little * signatures.sum(axis=0)), trials)
 
 
+@pytest.mark.slow
 def test_a_part_that_went_astray_is_fitted_again_beside_what_lacks_nothing(descent, belief):
     """The heavy tip alone, left where no descent would take it; the pair that it is part of must not win because of that."""
     pair = max(pairs_from_belief(descent, belief), key=descent.log_evidence)

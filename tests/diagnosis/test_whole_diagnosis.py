@@ -32,6 +32,7 @@ def told(recording):
     return diagnose([recording], silent)
 
 
+@pytest.mark.slow
 def test_where_nothing_was_left_out_nothing_is_claimed(tmp_path):
     diagnosis = told(campaign(tmp_path, {}))
     assert diagnosis.verdict == "nothing missing"
@@ -49,6 +50,7 @@ def test_a_drive_that_is_late_is_no_cause(tmp_path):
     assert diagnosis.fit["rms_fz_N"].after < diagnosis.fit["rms_fz_N"].noise_floor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "values"),
     [
@@ -71,6 +73,7 @@ def test_what_was_left_out_is_named_with_its_size(tmp_path, effect, values):
     assert json.loads((tmp_path / "diagnosis.json").read_text())["effects"][0]["id"] == effect
 
 
+@pytest.mark.slow
 def test_one_condition_is_not_enough_for_a_name(tmp_path):
     recording = campaign(tmp_path, {"hinge_backlash": {"half_gap_deg": 0.9}})
     few = replace(recording, strokes=recording.strokes[:2])

@@ -52,6 +52,7 @@ DRIVE = ("CAN bus", "drive", "drive error", "drive's encoder", "drive's torque")
 SENSOR = ("sensor's box", "sensor's records", "sensor's rate", "sensor's status")
 
 
+@pytest.mark.slow
 def test_a_healthy_rig_has_a_green_drive_and_sensor(told):
     """The clock and the rate of a loaded machine are the machine's own affair, and worth a second look."""
     for _ in range(3):
@@ -84,6 +85,7 @@ def test_a_silent_drive_is_told(told, server):
     assert "power" in said["drive"]["fix"]
 
 
+@pytest.mark.slow
 def test_a_sensor_on_another_port_is_unreachable(told, server):
     said = by_subject(told("--json", port="9"))
     assert said["sensor's records"]["colour"] == "red"
@@ -121,6 +123,7 @@ def test_an_error_of_the_drive_is_told_with_its_meaning(told, server):
     assert said["drive error"]["commands"] == ["odrv0.clear_errors()"]
 
 
+@pytest.mark.slow
 def test_a_controller_on_a_serial_line_and_a_drive_in_mit_mode_are_looked_at(monkeypatch, capsys, tmp_path):
     served_file, real_file = tmp_path / "served.toml", tmp_path / "real.toml"
     served_file.write_text(rig_text())

@@ -60,6 +60,7 @@ def test_every_effect_is_compared():
     assert set(VALUES) == set(EFFECTS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", [None, *EFFECTS])
 def test_valley_and_forces_agree(effect):
     t, exam, model = both(effect)

@@ -63,6 +63,7 @@ def test_control_c_in_the_terminal_reaches_the_program_and_not_the_guardian(mit)
 # -- the guardian is gone ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_a_guardian_that_is_told_to_end_lets_go_first_and_the_program_hears_it(mit, how):
     with driving(mit) as d:
@@ -71,6 +72,7 @@ def test_a_guardian_that_is_told_to_end_lets_go_first_and_the_program_hears_it(m
         assert f"guardian let go because it was told to end by {how.name}" in d.last_line()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("how", "said"),
     [(signal.SIGKILL, "guardian ended by itself"), (signal.SIGSTOP, "guardian hangs, silent for 0.")],

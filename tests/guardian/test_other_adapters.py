@@ -40,6 +40,7 @@ def heard(ear: can.BusABC, seconds: float) -> list[can.Message]:
     return messages
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("adapter", [serial, multicast])
 def test_commands_pass_and_their_end_is_the_end_of_the_torque(adapter):
     with adapter() as (settings, ear), GuardedBus(settings, WORD, SILENCE_S, WallClock()) as bus:
@@ -53,6 +54,7 @@ def test_commands_pass_and_their_end_is_the_end_of_the_torque(adapter):
             bus.send(COMMAND)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("adapter", [serial, multicast])
 def test_what_the_bus_says_arrives(adapter):
     with adapter() as (settings, ear), GuardedBus(settings, WORD, SILENCE_S, WallClock()) as bus:

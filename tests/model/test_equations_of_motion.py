@@ -65,6 +65,7 @@ def vector_mechanics(rig):
     return rhs
 
 
+@pytest.mark.slow
 def test_the_paper_leg_falls_as_an_independent_integrator_has_it():
     chain, start = chain_of(PAPER, NO_GROUND_M), np.linspace(0.0, 0.9, 7)
     t = np.linspace(0.01, 0.6, 60)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from rfca_rig.model.chain import HELD, Tolerance, advance, at_rest, chain_of, room_for
 from rfca_rig.model.statics_contact import static_path
@@ -38,6 +39,7 @@ def interrupted_often() -> None:
             pass
 
 
+@pytest.mark.slow
 def test_an_interrupt_at_any_moment_is_an_exception_in_the_caller():
     program = "from tests.model.test_interrupted import interrupted_often; interrupted_often()"
     ended = subprocess.run((sys.executable, "-c", program), capture_output=True, text=True, check=False)

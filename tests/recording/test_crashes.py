@@ -101,6 +101,7 @@ def ticks_in(found: Recording) -> int:
     return sum(len(some["shaft"].t_s) for some in streams)
 
 
+@pytest.mark.slow
 def test_a_run_killed_at_any_of_twenty_writes_loses_no_acknowledged_stage(tmp_path: Path):
     calls = calls_of(whole_run(tmp_path / "calls", header(), run_blocks(STAGES)))
     safe = [survives(tmp_path / str(call), int(call)) for call in np.linspace(2, calls, 20, dtype=int)]

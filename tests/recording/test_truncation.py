@@ -92,6 +92,7 @@ def assert_whole(found: Recording) -> None:
                 np.testing.assert_array_equal(there, known.raw[: len(there)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_cut_at_any_of_three_bytes(crashed: Path, tmp_path: Path, kind: str):
     for share in (0.0, 0.37, 0.999):

@@ -206,6 +206,7 @@ def test_what_is_not_known_is_null_and_never_nan(tmp_path):
     assert not re.search(r"\bnan\b|\binf\b|\bNone\b(?! proposed)", read(page(holes, Origin())))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verdict", ALL)
 def test_every_verdict_makes_a_whole_page_that_fetches_nothing(verdict):
     text = page(ALL[verdict], Origin())

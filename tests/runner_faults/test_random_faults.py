@@ -46,6 +46,7 @@ def holds(together: list[Mishap]) -> None:
     assert outcome.lost == 0, outcome
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1200)
 @settings(max_examples=100, suppress_health_check=list(HealthCheck), derandomize=True)
 @given(COMBINATIONS)

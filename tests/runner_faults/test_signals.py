@@ -101,6 +101,7 @@ def _take_terminal() -> None:
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
 def test_a_signal_from_outside_ends_the_run_at_once(tmp_path: Path, number: signal.Signals) -> None:
     with running(tmp_path) as run:
@@ -110,6 +111,7 @@ def test_a_signal_from_outside_ends_the_run_at_once(tmp_path: Path, number: sign
         assert len(run.kept().strokes) >= 2
 
 
+@pytest.mark.slow
 def test_one_key_ends_the_run_at_the_next_safe_point(tmp_path: Path) -> None:
     with running(tmp_path) as run:
         run.process.send_signal(signal.SIGINT)
@@ -120,6 +122,7 @@ def test_one_key_ends_the_run_at_the_next_safe_point(tmp_path: Path) -> None:
         assert kept.raw == ()
 
 
+@pytest.mark.slow
 def test_two_keys_end_it_at_once(tmp_path: Path) -> None:
     with running(tmp_path) as run:
         os.killpg(run.process.pid, signal.SIGSTOP)  # so that both are there at the same tick
@@ -131,6 +134,7 @@ def test_two_keys_end_it_at_once(tmp_path: Path) -> None:
         assert len(run.kept().strokes) >= 2
 
 
+@pytest.mark.slow
 def test_a_closed_terminal_ends_it_though_nothing_can_be_said(tmp_path: Path) -> None:
     with running(tmp_path) as run:
         os.close(run.terminal)
@@ -147,6 +151,7 @@ def test_a_parent_that_is_killed_takes_the_terminal_along(tmp_path: Path) -> Non
         assert len(kept.strokes) >= 2
 
 
+@pytest.mark.slow
 def test_a_recorder_that_is_killed_ends_it(tmp_path: Path) -> None:
     with running(tmp_path) as run:
         acknowledged = run.acknowledged()
@@ -161,6 +166,7 @@ def recorder_of(process_id: int) -> int:
     return recorder
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_keeps_what_it_had(tmp_path: Path) -> None:
     with running(tmp_path) as run:
         acknowledged = run.acknowledged()
@@ -169,6 +175,7 @@ def test_a_run_that_is_killed_keeps_what_it_had(tmp_path: Path) -> None:
         assert len(run.kept().strokes) >= acknowledged
 
 
+@pytest.mark.slow
 def test_a_run_whose_process_stands_for_a_while_goes_on_where_time_is_simulated(tmp_path: Path) -> None:
     with running(tmp_path) as run:
         run.process.send_signal(signal.SIGSTOP)
@@ -190,6 +197,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
         yield server
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=lambda number: number.name)
 def test_a_drive_whose_master_dies_or_stands_lets_go(served: Server, number: signal.Signals) -> None:
     command = [sys.executable, "-m", "tests.runner_faults.turning"]

@@ -65,6 +65,7 @@ class Losing(Here):
         return super().submit(fn, *args, **kwargs)
 
 
+@pytest.mark.slow
 def test_workers_change_no_byte(unbroken, tmp_path):
     with crew(2) as two:
         carry_out(small_plan(), tmp_path / "sweep", two, Slow, silent)

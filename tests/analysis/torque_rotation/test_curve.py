@@ -159,6 +159,7 @@ def pulls_and_cover(count: int, draws: int):
     return np.array(pulls), float(np.mean(cover)), alarms
 
 
+@pytest.mark.slow
 def test_the_band_covers():
     pulls, cover, alarms = pulls_and_cover(6, 2)
     assert cover >= 0.85
