@@ -19,11 +19,11 @@ CLEARLY_PROMISES = 60.0  # chi2 that it takes away beside the first as that stan
 def paired(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Sequence[Trial]) -> list[Fitted]:
     """Partners for the best effects, screened by what they would do to a leg that has the first one already.
 
-    Where nothing is missing none is sought, and none beside the second best effect once a pair explains everything; beside an effect that
-    fits well only what is worth much more than its law could be wrong by.
+    Where nothing would do and no effect adds much to it none is sought, and none beside the second best effect once a pair explains
+    everything; beside an effect that fits well only what is worth much more than its law could be wrong by.
     """
     ranked = sorted(singles, key=descent.log_evidence, reverse=True)
-    if not ranked or descent.judged(base).fits_well(base.coordinates.nuisances):
+    if not ranked or _would_do(descent, base, ranked[0]):
         return []
     found: dict[frozenset[str], Fitted] = {}
     for single in _built_on(descent, ranked):
@@ -40,6 +40,12 @@ def paired(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Se
         if pairs and explains(descent, max(pairs, key=descent.log_evidence)):
             break
     return list(found.values())
+
+
+def _would_do(descent: Descent, base: Fitted, best: Fitted) -> bool:
+    """Whether the base fits well, and even the best effect adds no more to it than a law that is a little off might."""
+    well = descent.judged(base).fits_well(base.coordinates.nuisances)
+    return well and descent.log_evidence(best) < descent.log_evidence(base) + CLEARLY_NEEDED
 
 
 def _built_on(descent: Descent, ranked: Sequence[Fitted]) -> list[Fitted]:
