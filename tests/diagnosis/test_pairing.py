@@ -21,17 +21,19 @@ from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
 CONDITIONS = [(205.0, 2.433), (215.0, 2.8), (220.0, 3.249)]
 HEAVY, TURNED = present("tip_mass", mass_g=50.0), present("sensor_crosstalk", fz_per_fy=0.09)
 RIVALS = [Choice(catalogue()[name]) for name in ("tip_mass", "sensor_crosstalk", "sensor_drift")]
+LATE, TILTED = present("clock_offset", offset_s=-0.005), present("gravity_tilt", angle_rad=-0.03)
+SLIGHT = [Choice(catalogue()[name]) for name in ("clock_offset", "gravity_tilt", "sensor_drift")]
 
 
-def searched(effects):
-    """The descent on such a leg, where nothing missing fits best, the heavier tip as it was first tried, and all that was tried."""
+def searched(effects, rivals=RIVALS):
+    """The descent on such a leg, where nothing missing fits best, the first rival as it was first tried, and all that was tried."""
     evidence = evidence_of(flaps_of(recorded(replace(RIG, effects=effects), CONDITIONS, with_shaft=False)))
     descent = Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
     coordinates = Coordinates(nuisances_of(RIG, KNOWN_TO, 0.0))
     believed = descent.at(coordinates, np.zeros(coordinates.size))
     base = descent.descended(believed)
-    trials = tried(evidence, believed, RIVALS)
-    begun = descent.at(coordinates.with_choices(RIVALS[:1]), np.append(believed.x, trials[0].z), believed.slope)
+    trials = tried(evidence, believed, rivals)
+    begun = descent.at(coordinates.with_choices(rivals[:1]), np.append(believed.x, trials[0].z), believed.slope)
     return descent, base, begun, trials
 
 
@@ -60,6 +62,20 @@ def test_one_that_is_worth_little_is_not():
     descent, base, begun, trials = searched((HEAVY, replace(TURNED, values=(("fz_per_fy", 0.05),))))
     single = descent.polished(descent.descended(begun))
     assert paired(descent, base, [single], trials) == []
+
+
+def test_a_second_effect_is_sought_where_nothing_missing_would_do_but_the_first_adds_much_to_it():
+    descent, base, begun, trials = searched((LATE, TILTED), SLIGHT)
+    assert descent.judged(base).fits_well(base.coordinates.nuisances)
+    (pair,) = paired(descent, base, [descent.polished(descent.descended(begun))], trials)
+    assert ids_of(pair) == ("clock_offset", "gravity_tilt")
+
+
+def test_none_is_where_nothing_missing_would_do_and_the_first_adds_little(monkeypatch):
+    descent, base, begun, trials = searched((LATE, TILTED), SLIGHT)
+    monkeypatch.setattr(pairing, "CLEARLY_NEEDED", 300.0)
+    monkeypatch.setattr(pairing, "tried", lambda *_: pytest.fail("a partner was looked for"))
+    assert paired(descent, base, [descent.polished(descent.descended(begun))], trials) == []
 
 
 def test_pairs_are_built_anew_on_an_effect_that_stood_in_a_bad_light(both):
