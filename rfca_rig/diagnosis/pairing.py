@@ -23,17 +23,16 @@ def paired(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Se
     everything; beside an effect that fits well only what is worth much more than its law could be wrong by.
     """
     ranked = sorted(singles, key=descent.log_evidence, reverse=True)
-    if not ranked or _would_do(descent, base, ranked[0]):
+    if not ranked or descent.log_evidence(ranked[0]) < _to_be_reached(descent, base):
         return []
     found: dict[frozenset[str], Fitted] = {}
     for single in _built_on(descent, ranked):
         own = ids_of(single)
         others = {(t.choice.effect.id, t.choice.whole): t.choice for t in trials if t.choice.effect.id not in own}
         looks = tried(descent.evidence, single, list(others.values()))
-        well = descent.judged(single).fits_well(single.coordinates.nuisances)
-        groups = worth_trying(descent, single, looks, PARTNERS, CLEARLY_PROMISES if well else WORTH_A_FIT)
+        groups = worth_trying(descent, single, looks, PARTNERS, CLEARLY_PROMISES if _fits_well(descent, single) else WORTH_A_FIT)
         new = {frozenset((*own, group[0].choice.effect.id)): group for group in reversed(groups)}
-        least = descent.log_evidence(single) + CLEARLY_NEEDED if well else -np.inf
+        least = _to_be_reached(descent, single)
         fits = refined(descent, single, [group for ids, group in new.items() if ids not in found])
         pairs = [pair for pair in fits if descent.log_evidence(pair) >= least]
         found |= {frozenset(ids_of(pair)): pair for pair in pairs}
@@ -42,17 +41,20 @@ def paired(descent: Descent, base: Fitted, singles: Sequence[Fitted], trials: Se
     return list(found.values())
 
 
-def _would_do(descent: Descent, base: Fitted, best: Fitted) -> bool:
-    """Whether the base fits well, and even the best effect adds no more to it than a law that is a little off might."""
-    well = descent.judged(base).fits_well(base.coordinates.nuisances)
-    return well and descent.log_evidence(best) < descent.log_evidence(base) + CLEARLY_NEEDED
+def _to_be_reached(descent: Descent, fitted: Fitted) -> float:
+    """The log evidence that one effect more must bring: beside what fits well, more than a law that is a little off might."""
+    return descent.log_evidence(fitted) + CLEARLY_NEEDED if _fits_well(descent, fitted) else -np.inf
+
+
+def _fits_well(descent: Descent, fitted: Fitted) -> bool:
+    return descent.judged(fitted).fits_well(fitted.coordinates.nuisances)
 
 
 def _built_on(descent: Descent, ranked: Sequence[Fitted]) -> list[Fitted]:
     """The best, alone where it fits well, and those that it does not leave hopelessly behind."""
-    best = descent.judged(ranked[0])
-    many = 1 if best.fits_well(ranked[0].coordinates.nuisances) else BUILT_ON
-    return [single for single in ranked[:many] if descent.log_evidence(single) >= best.log_evidence - HOPELESS]
+    many = 1 if _fits_well(descent, ranked[0]) else BUILT_ON
+    least = descent.log_evidence(ranked[0]) - HOPELESS
+    return [single for single in ranked[:many] if descent.log_evidence(single) >= least]
 
 
 def no_worse_than_nested(descent: Descent, base: Fitted, singles: Sequence[Fitted], pairs: Sequence[Fitted]) -> list[Fitted]:

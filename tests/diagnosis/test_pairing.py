@@ -42,6 +42,11 @@ def both():
     return searched((HEAVY, TURNED))
 
 
+@pytest.fixture(scope="module")
+def slight():
+    return searched((LATE, TILTED), SLIGHT)
+
+
 def test_a_second_effect_that_is_worth_much_is_put_beside_one_that_fits_well(both):
     descent, base, begun, trials = both
     single = descent.polished(descent.descended(begun))
@@ -64,15 +69,15 @@ def test_one_that_is_worth_little_is_not():
     assert paired(descent, base, [single], trials) == []
 
 
-def test_a_second_effect_is_sought_where_nothing_missing_would_do_but_the_first_adds_much_to_it():
-    descent, base, begun, trials = searched((LATE, TILTED), SLIGHT)
+def test_a_second_effect_is_sought_where_nothing_missing_would_do_but_the_first_adds_much_to_it(slight):
+    descent, base, begun, trials = slight
     assert descent.judged(base).fits_well(base.coordinates.nuisances)
     (pair,) = paired(descent, base, [descent.polished(descent.descended(begun))], trials)
     assert ids_of(pair) == ("clock_offset", "gravity_tilt")
 
 
-def test_none_is_where_nothing_missing_would_do_and_the_first_adds_little(monkeypatch):
-    descent, base, begun, trials = searched((LATE, TILTED), SLIGHT)
+def test_none_is_where_nothing_missing_would_do_and_the_first_adds_little(slight, monkeypatch):
+    descent, base, begun, trials = slight
     monkeypatch.setattr(pairing, "CLEARLY_NEEDED", 300.0)
     monkeypatch.setattr(pairing, "tried", lambda *_: pytest.fail("a partner was looked for"))
     assert paired(descent, base, [descent.polished(descent.descended(begun))], trials) == []

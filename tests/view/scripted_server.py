@@ -87,10 +87,12 @@ class ScriptedServer:
         self.loop = asyncio.get_running_loop()
         self._sockets.append(socket)  # before the page hears anything: whoever sees the state on it may hang up at once
         beat = asyncio.ensure_future(self._beat(socket))
-        with suppress(WebSocketDisconnect):
-            await self._talk(socket)
-        beat.cancel()
-        self._sockets.remove(socket)
+        try:
+            with suppress(WebSocketDisconnect):
+                await self._talk(socket)
+        finally:
+            beat.cancel()
+            self._sockets.remove(socket)
 
     async def _talk(self, socket: WebSocket) -> None:
         await socket.send_text(json.dumps(self.hello))
