@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import softmax
 
 from rfca_rig.diagnosis.deciding import SURE, Decision
-from rfca_rig.diagnosis.search import Found, Hypothesis
+from rfca_rig.diagnosis.hypotheses import Found, Hypothesis
 
 Floats = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from scipy.special import expit, logsumexp
 from rfca_rig.diagnosis.coordinates import Choice, std_of, value_of
 from rfca_rig.diagnosis.detectable import size_parameter, without_effect
 from rfca_rig.diagnosis.gates import AS_USUAL, ONE_VALUE, at_usual_error, gates_of, left_out, strain_of
+from rfca_rig.diagnosis.hypotheses import PRIOR_UNKNOWN, Found, Hypothesis
 from rfca_rig.diagnosis.judging import GOOD_FIT
 from rfca_rig.diagnosis.leaving_out import FORETOLD_TO
 from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED
 from rfca_rig.diagnosis.result import Gate, NamedEffect, Rival, Value, Verdict
-from rfca_rig.diagnosis.search import PRIOR_UNKNOWN, Found, Hypothesis
 from rfca_rig.model.effect import Effect, Parameter
 from rfca_rig.model.parameters import RigModel
 

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.hypotheses import Found, Hypothesis
 from rfca_rig.diagnosis.linear import posterior_of
 from rfca_rig.diagnosis.screening import projection_of
-from rfca_rig.diagnosis.search import Found, Hypothesis
 
 Floats = NDArray[np.float64]
 

@@ -14,11 +14,12 @@ from rfca_rig.diagnosis.conventions import likeliest_moves
 from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.deciding import Decision, decided
 from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.hypotheses import Found
 from rfca_rig.diagnosis.looked_for import looked_for, not_looked_for
 from rfca_rig.diagnosis.nuisances import nuisances_of, nuisances_of_drive
 from rfca_rig.diagnosis.obedient_shaft import ruled_out_by_obedience
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
-from rfca_rig.diagnosis.search import Found, Progress, searched
+from rfca_rig.diagnosis.search import Progress, searched
 from rfca_rig.diagnosis.stages import HOLD_S, StageTable, stage_tables
 from rfca_rig.diagnosis.strokes import FlapCondition, flap_condition, turn_of
 from rfca_rig.diagnosis.summing_up import summed_up

@@ -10,10 +10,10 @@ from rfca_rig.analysis.counterpart import GRID_S, LONGER
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.diagnosis.hypotheses import Found, Hypothesis
 from rfca_rig.diagnosis.leaving_out import foretold_apart
 from rfca_rig.diagnosis.result import BeforeAfter, Overlay
 from rfca_rig.diagnosis.rows import rms
-from rfca_rig.diagnosis.search import Found, Hypothesis
 from rfca_rig.diagnosis.strokes import BOUNDED, FORCES, FlapCondition
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.stroke import stroke_following

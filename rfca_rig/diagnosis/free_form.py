@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.hypotheses import Found
 from rfca_rig.diagnosis.places import Place, Standing
 from rfca_rig.diagnosis.put_back import PutBack, put_back
-from rfca_rig.diagnosis.search import Found
 from rfca_rig.diagnosis.sparse_law import FoundTerm, SparseLaw, sparse_laws
 from rfca_rig.diagnosis.terms import signals_of
 from rfca_rig.diagnosis.where import Placed, Scene, placed, scene_of

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.decoys import best_decoy, taken_away
+from rfca_rig.diagnosis.hypotheses import Found, Hypothesis
 from rfca_rig.diagnosis.judging import IMPLAUSIBLE
 from rfca_rig.diagnosis.leaving_out import FORETOLD_TO, rms_left_out
 from rfca_rig.diagnosis.linear import Linear, posterior_of
 from rfca_rig.diagnosis.result import Gate
-from rfca_rig.diagnosis.search import Found, Hypothesis
 
 Floats = NDArray[np.float64]
 

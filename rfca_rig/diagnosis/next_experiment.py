@@ -17,10 +17,10 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.candidates import SEQUENCES, Candidate, FlapCandidate, StageCandidate, flap_conditions, stage_heights
 from rfca_rig.diagnosis.contenders import Contest, contest_of, name_of
 from rfca_rig.diagnosis.deciding import AS_GOOD
+from rfca_rig.diagnosis.hypotheses import Hypothesis
 from rfca_rig.diagnosis.next_protocol import NEXT_PROTOCOL
 from rfca_rig.diagnosis.off_rig import CERTAIN, OFF_RIG, OffRigTest
 from rfca_rig.diagnosis.room import Room, room_of
-from rfca_rig.diagnosis.search import Hypothesis
 from rfca_rig.diagnosis.separating import Outlook, outlook
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.protocol.plan import Limits

@@ -9,12 +9,13 @@ from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.deciding import decided
 from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.hypotheses import Found
 from rfca_rig.diagnosis.looked_for import looked_for, not_looked_for
 from rfca_rig.diagnosis.pendulum_nuisances import space_of_pendulum
 from rfca_rig.diagnosis.pendulum_parts import BIN_S, WINDOW_S, stretches_of
 from rfca_rig.diagnosis.pendulum_summary import summed_up
 from rfca_rig.diagnosis.result import Diagnosis
-from rfca_rig.diagnosis.search import Found, Progress, searched
+from rfca_rig.diagnosis.search import Progress, searched
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import Effect
 

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.diagnosis.deciding import Decision
 from rfca_rig.diagnosis.detectable import not_seen
+from rfca_rig.diagnosis.hypotheses import PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN, Found, Hypothesis
 from rfca_rig.diagnosis.leaving_out import foretold_apart
 from rfca_rig.diagnosis.pendulum_parts import BIN_S, WINDOW_S
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, NotSeen, Overlay, Value, Verdict
 from rfca_rig.diagnosis.rows import rms
 from rfca_rig.diagnosis.screening import projection_of
-from rfca_rig.diagnosis.search import PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN, Found, Hypothesis
 from rfca_rig.diagnosis.summing_up import present_effects
 from rfca_rig.model.effect import Effect
 

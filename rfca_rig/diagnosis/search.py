@@ -11,9 +11,11 @@ from rfca_rig.diagnosis.conventions import held_anyhow, with_likeliest_moves
 from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.descent import Descent, Fitted
 from rfca_rig.diagnosis.evidence import THREADS, Evidence
+from rfca_rig.diagnosis.growing import grown
 from rfca_rig.diagnosis.handing_over import handed_over
-from rfca_rig.diagnosis.judging import Judge, Judgement, judge_of
-from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED, ids_of, no_worse_than_nested, paired, without
+from rfca_rig.diagnosis.hypotheses import Found, unlisted, weighed
+from rfca_rig.diagnosis.judging import judge_of
+from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED, no_worse_than_nested, paired, without
 from rfca_rig.diagnosis.refining import refined, worth_trying
 from rfca_rig.diagnosis.scatter import Scatter, scatter_of
 from rfca_rig.diagnosis.screening import Trial, choices_of, tried
@@ -25,46 +27,10 @@ Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 REFINED = 7  # effects whose best point is sought, of those that screening ranks highest
+GROWN_ALONE, GROWN_TOGETHER = 3, 4  # effects, and pairs of them, that are begun anew where none explains
 POLISHED_BEST = 3  # hypotheses of each size that are brought to their very best point
 CLEARLY_BETTER = 10.0  # log evidence
 FAR_BELOW, NEARLY_AS_GOOD = 100.0, 20.0  # log evidence: more than polishing brings; where handing over may decide
-PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO = 0.5, 0.1, 0.3, 0.1
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """One answer: the ids of its effects, none for nothing missing; where it fits best, how well, and log prior probability."""
-
-    ids: tuple[str, ...]
-    fitted: Fitted
-    judgement: Judgement
-    log_prior: float
-
-    @property
-    def log_joint(self) -> float:
-        """Log of prior times evidence."""
-        return self.judgement.log_evidence + self.log_prior
-
-    @property
-    def rows(self) -> Floats:
-        """What it says of every row, at its posterior mean."""
-        return self.fitted.predicted + self.fitted.slope @ (self.judgement.posterior.mean - self.fitted.x)
-
-
-@dataclass(frozen=True)
-class Found:
-    """Everything that the search leaves: the model as `believed`, `nothing` missing with all nuisances free, `unknown` (nothing named, a
-    large error), and the hypotheses that name something, most plausible first.
-    """
-
-    believed: Fitted
-    nothing: Hypothesis
-    unknown: Judgement
-    named: tuple[Hypothesis, ...]
-    trials: tuple[Trial, ...]
-    scatter: Scatter
-    judge: Judge
-    evidence: Evidence
 
 
 @dataclass(frozen=True)
@@ -103,14 +69,20 @@ def searched(
     standing = _with_singles(standing, there, trials, belief, stopped_as_told)
     progress("pairs of effects", 0.6)
     standing = _with_pairs(standing, trials)
+    if not explains(standing.descent, standing.best):
+        progress("along growing strokes", 0.75)
+        standing = _grown(standing, trials)
     if is_astray(standing.descent, standing.base) and not explains(standing.descent, standing.best):
-        progress("a second look at pairs of effects", 0.75)
+        progress("a second look at pairs of effects", 0.8)
         standing = _with_pairs_from_belief(standing, belief, stopped_as_told)
     progress("weighing", 0.9)
-    if not standing.learnt:
-        standing = _learnt_anew(standing, standing.best, stopped_as_told)
-    found = _weighed(_with_nothing_again(_with_parts_again(standing, trials)), trials, len(effects))
-    return replace(found, believed=standing.descent.at(coordinates, believed.x, believed.slope) or believed)
+    standing = _learnt_at_last(standing, stopped_as_told)
+    standing = _with_nothing_again(_with_parts_again(standing, trials))
+    believed = standing.descent.at(coordinates, believed.x, believed.slope) or believed
+    nothing, named = weighed(standing.descent, standing.base, (*standing.singles, *standing.pairs), len(effects))
+    unknown = unlisted(standing.descent, standing.base)
+    evidence, judge = standing.descent.evidence, standing.descent.judge
+    return Found(believed, nothing, unknown, named, tuple(trials), standing.scatter, judge, evidence)
 
 
 def _begun(evidence: Evidence, coordinates: Coordinates) -> tuple[Fitted, _Standing]:
@@ -132,7 +104,7 @@ def _with_singles(standing: _Standing, there: Fitted, trials: Sequence[Trial], b
     if _all_lost(descent, (base, *singles)):
         singles = _each_at_its_best(descent, [*singles, *singles_from_belief(descent, belief)])
     standing, best = replace(standing, singles=tuple(singles)), _clearly_better(descent, base, singles) or base
-    if not is_lost(descent, best):
+    if descent.judged(best).fits_well(base.coordinates.nuisances):
         standing = _learnt_anew(standing, best, stopped_as_told)
     standing = _beside_what_lacks_nothing(standing, trials)
     singles = _best_polished(standing.descent, standing.singles)
@@ -158,10 +130,25 @@ def _with_pairs(standing: _Standing, trials: Sequence[Trial]) -> _Standing:
     return replace(standing, pairs=tuple(_best_polished(descent, pairs)))
 
 
+def _grown(standing: _Standing, trials: Sequence[Trial]) -> _Standing:
+    """The best effects and pairs begun anew along growing strokes; pairs are sought again beside an effect that gets much further."""
+    descent = standing.descent
+    again = grown(descent, [*_best(descent, standing.singles, GROWN_ALONE), *_best(descent, standing.pairs, GROWN_TOGETHER)])
+    singles, pairs = ([fitted for fitted in again if len(fitted.coordinates.choices) == count] for count in (1, 2))
+    pairs = _each_at_its_best(descent, [*standing.pairs, *pairs])
+    return _pairs_again(replace(standing, pairs=tuple(pairs)), _each_at_its_best(descent, [*standing.singles, *singles]), trials)
+
+
 def _with_parts_again(standing: _Standing, trials: Sequence[Trial]) -> _Standing:
     """The parts of the best pair fitted again; pairs are built anew where that shows an effect in a much better light than it stood in."""
     descent = standing.descent
     singles = no_worse_than_nested(descent, standing.base, standing.singles, standing.pairs)
+    return _pairs_again(standing, singles, trials)
+
+
+def _pairs_again(standing: _Standing, singles: Sequence[Fitted], trials: Sequence[Trial]) -> _Standing:
+    """With these effects instead, and pairs built anew where the best of them is much better than it stood."""
+    descent = standing.descent
     best, before = (max(map(descent.log_evidence, fits), default=-np.inf) for fits in (singles, standing.singles))
     again = replace(standing, singles=tuple(singles))
     if best < before + CLEARLY_NEEDED:
@@ -204,10 +191,24 @@ def _learnt_anew(standing: _Standing, best: Fitted, stopped_as_told: bool) -> _S
     return _Standing(descent, scatter, base, singles, pairs, learnt=True)
 
 
+def _learnt_at_last(standing: _Standing, stopped_as_told: bool) -> _Standing:
+    """The same from the best explanation there is at last, if it is one."""
+    if standing.learnt or not explains(standing.descent, standing.best):
+        return standing
+    standing = _learnt_anew(standing, standing.best, stopped_as_told)
+    descent = standing.descent
+    singles, pairs = (tuple(_best_polished(descent, fits)) for fits in (standing.singles, standing.pairs))
+    return replace(standing, base=_polished_if_near(descent, standing.base, (*singles, *pairs)), singles=singles, pairs=pairs)
+
+
 def _carried_on(descent: Descent, fitted: Fitted) -> Fitted:
     """A fit to other evidence, fitted to this from where it stands; as it was where the model has no answer there."""
     here = descent.at(fitted.coordinates, fitted.x, fitted.slope)
     return fitted if here is None else descent.descended(here)
+
+
+def _best(descent: Descent, fits: Sequence[Fitted], count: int) -> list[Fitted]:
+    return sorted(fits, key=descent.log_evidence, reverse=True)[:count]
 
 
 def _each_at_its_best(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:
@@ -247,21 +248,3 @@ def _best_polished(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:
         least = np.inf if _all_lost(descent, polished) else max(map(descent.log_evidence, polished)) - NEARLY_AS_GOOD
         led = pool.map(lambda f: handed_over(descent, f) if descent.log_evidence(f) >= least else f, polished)
         return [*led, *ranked[1 + len(near) :]]
-
-
-def _weighed(standing: _Standing, trials: Sequence[Trial], effects: int) -> Found:
-    descent, base = standing.descent, standing.base
-    nothing = Hypothesis((), base, descent.judged(base), float(np.log(PRIOR_NOTHING)))
-    fits = (*standing.singles, *standing.pairs)
-    named = [Hypothesis(ids_of(f), f, descent.judged(f), _log_prior(f, effects)) for f in fits]
-    unknown = descent.judge.judged_unknown(base.linear(descent.evidence.rows.measured))
-    ranked = tuple(sorted(named, key=lambda hypothesis: -hypothesis.log_joint))
-    return Found(base, nothing, unknown, ranked, tuple(trials), standing.scatter, descent.judge, descent.evidence)
-
-
-def _log_prior(fitted: Fitted, effects: int) -> float:
-    """Each number of effects has its share, spread evenly; so is what an effect counts, as which hinge."""
-    choices = fitted.coordinates.choices
-    share = PRIOR_ONE / effects if len(choices) == 1 else PRIOR_TWO / (0.5 * effects * (effects - 1))
-    variants = np.prod([len(choices_of(choice.effect)) for choice in choices])
-    return float(np.log(share / variants))

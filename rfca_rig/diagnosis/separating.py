@@ -19,8 +19,8 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.contenders import Contest
 from rfca_rig.diagnosis.covariance import discrepancy
 from rfca_rig.diagnosis.evidence import Evidence, Part
+from rfca_rig.diagnosis.hypotheses import Hypothesis
 from rfca_rig.diagnosis.judging import USUAL_ERROR
-from rfca_rig.diagnosis.search import Hypothesis
 
 Floats = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from rfca_rig.diagnosis.deciding import Decision
 from rfca_rig.diagnosis.detectable import not_seen
 from rfca_rig.diagnosis.figures import before_and_after, held_out, overlays, valley_errors
 from rfca_rig.diagnosis.free_form import free_form
+from rfca_rig.diagnosis.hypotheses import Found, Hypothesis
 from rfca_rig.diagnosis.locating import located, lone_channel
 from rfca_rig.diagnosis.next_experiment import next_experiment
 from rfca_rig.diagnosis.result import Diagnosis, Gate, NamedEffect, NotSeen, Overlay, Rival, Value, Verdict
 from rfca_rig.diagnosis.screening import projection_of
-from rfca_rig.diagnosis.search import Found, Hypothesis
 from rfca_rig.diagnosis.turns import late_s, turns_as_commanded
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.effect import Effect

@@ -13,11 +13,11 @@ from rfca_rig.diagnosis.deciding import Decision
 from rfca_rig.diagnosis.descent import Descent
 from rfca_rig.diagnosis.diagnose import Body, Verdicts
 from rfca_rig.diagnosis.evidence import evidence_of
+from rfca_rig.diagnosis.hypotheses import Found, Hypothesis
 from rfca_rig.diagnosis.judging import judge_of
 from rfca_rig.diagnosis.nuisances import nuisances_of
 from rfca_rig.diagnosis.result import NamedEffect
 from rfca_rig.diagnosis.scatter import Scatter
-from rfca_rig.diagnosis.search import Found, Hypothesis
 from rfca_rig.diagnosis.strokes import FlapCondition, flap_condition, turn_of
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import PresentEffect, RigModel

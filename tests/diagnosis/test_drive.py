@@ -8,9 +8,9 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.diagnosis.deciding import decided
 from rfca_rig.diagnosis.diagnose import SEEN_ON_THE_SHAFT, drive_found
+from rfca_rig.diagnosis.hypotheses import Found
 from rfca_rig.diagnosis.result import Gate
 from rfca_rig.diagnosis.rows import rms
-from rfca_rig.diagnosis.search import Found
 from rfca_rig.diagnosis.strokes import turn_of
 from rfca_rig.diagnosis.summing_up import _gates, _late, _sentence
 from rfca_rig.diagnosis.turns import late_s, obeys, shaft_condition, turns_as_commanded
