@@ -7,16 +7,30 @@ beginnings right comes to the rest from nearby (as multiple shooting has it, Boc
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.coordinates import Coordinates
 from rfca_rig.diagnosis.descent import Descent, Fitted
 from rfca_rig.diagnosis.evidence import THREADS, Evidence, evidence_of
 from rfca_rig.diagnosis.judging import judge_of
 from rfca_rig.diagnosis.strokes import FlapCondition
 
+Floats = NDArray[np.float64]
+
 BEGINNINGS = (0.3, 0.6, 0.8)  # of the way from touchdown to the valley, until which strokes have grown
+UNSEEN = 0.7  # prior deviations that are left open of what the data do not show
 KEPT = 3  # fits that go on where strokes have grown to the second of these
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a descent begins."""
+
+    coordinates: Coordinates
+    x: Floats
 
 
 def grown(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:
@@ -26,23 +40,32 @@ def grown(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:
     """
     if not descent.evidence.flaps:
         return []
-    first, *later = [_along(descent.evidence, share) for share in BEGINNINGS]
-    here = _each_descended(first, [_as_believed(first, fitted) for fitted in fits])
-    for step in (*later, descent):
-        here = _each_descended(step, [step.at(fitted.coordinates, fitted.x) for fitted in here])
-        here = sorted(here, key=step.log_evidence, reverse=True)[:KEPT]
-    return [descent.polished(fitted) for fitted in here]
+    here = [_Place(fitted.coordinates, _as_believed(fitted)) for fitted in fits]
+    for share in BEGINNINGS:
+        step = _along(descent.evidence, share)
+        found = _each_descended(step, here)
+        best = sorted(found, key=lambda pair: step.log_evidence(pair[1]), reverse=True)
+        here = [_gone_on(step, place, fitted) for place, fitted in (best if share == BEGINNINGS[0] else best[:KEPT])]
+    return [descent.polished(fitted) for _, fitted in _each_descended(descent, here)]
 
 
-def _as_believed(step: Descent, fitted: Fitted) -> Fitted | None:
+def _as_believed(fitted: Fitted) -> Floats:
     nuisances = fitted.coordinates.nuisances
-    return step.at(fitted.coordinates, np.concatenate([np.zeros(nuisances), fitted.x[nuisances:]]))
+    return np.concatenate([np.zeros(nuisances), fitted.x[nuisances:]])
 
 
-def _each_descended(step: Descent, begun: Sequence[Fitted | None]) -> list[Fitted]:
+def _each_descended(step: Descent, places: Sequence[_Place]) -> list[tuple[_Place, Fitted]]:
     """Those for which the model has an answer, each down from there."""
+    begun = [(place, begin) for place in places if (begin := step.at(place.coordinates, place.x)) is not None]
     with ThreadPoolExecutor(THREADS) as pool:
-        return list(pool.map(step.descended, [begin for begin in begun if begin is not None]))
+        return list(zip([place for place, _ in begun], pool.map(step.descended, [begin for _, begin in begun]), strict=True))
+
+
+def _gone_on(step: Descent, place: _Place, fitted: Fitted) -> _Place:
+    """Where it came to; what of its effects these beginnings do not show, as a stop not yet reached, stays where it was."""
+    std = np.sqrt(np.diag(step.judged(fitted).posterior.covariance))
+    unseen = (std > UNSEEN) & (np.arange(len(std)) >= fitted.coordinates.nuisances)
+    return replace(place, x=np.where(unseen, place.x, fitted.x))
 
 
 def _along(evidence: Evidence, share: float) -> Descent:
