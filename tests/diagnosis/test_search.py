@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.diagnosis.conventions import MOVES, held_anyhow
 from rfca_rig.diagnosis.coordinates import Choice, Coordinates
 from rfca_rig.diagnosis.descent import Descent
 from rfca_rig.diagnosis.evidence import evidence_of
@@ -15,15 +17,23 @@ from rfca_rig.diagnosis.screening import tried
 from rfca_rig.diagnosis.search import (
     CLEARLY_BETTER,
     POLISHED_BEST,
+    _begun,
     _beside_what_lacks_nothing,
     _best_polished,
+    _learnt_at_last,
     _Standing,
     _with_nothing_again,
+    _with_pairs,
+    _with_singles,
 )
+from rfca_rig.diagnosis.second_look import Belief
+from rfca_rig.diagnosis.stages import stage_tables
 from rfca_rig.model.catalogue import catalogue
+from rfca_rig.recording.form import StaticStage
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
 
 CONDITIONS = [(205.0, 2.433), (215.0, 2.8), (220.0, 3.249)]
+BRISKLY, SOFTLY = MOVES[0], MOVES[2]
 HEAVY = present("tip_mass", mass_g=50.0)
 
 
@@ -83,3 +93,40 @@ def test_what_is_missing_leads_still():
     assert descent.log_evidence(best) > descent.log_evidence(found.base) + CLEARLY_BETTER
     (mass,) = [e.values[0][1] for e in best.coordinates.supposed(best.x).rig.effects]
     assert mass == pytest.approx(50.0, rel=0.1)
+
+
+LEAKING = present("sensor_crosstalk", fz_per_fy=0.2)
+
+
+def searched_among(effects, rivals):
+    """A search that has looked at these rivals; a static table, moved through softly, belongs to the recordings of such a leg."""
+    rig = replace(RIG, effects=effects)
+    stages = read_of(rig, SOFTLY)
+    evidence = evidence_of([*flaps_of(recorded(rig, CONDITIONS, with_shaft=False)), *stage_tables(stages, {}, BRISKLY)])
+    coordinates = Coordinates(nuisances_of(RIG, KNOWN_TO, 0.0))
+    believed, standing = _begun(held_anyhow(evidence), coordinates)
+    choices = tuple(Choice(catalogue()[name]) for name in rivals)
+    trials = tried(standing.descent.evidence, standing.base, choices)
+    return standing, trials, Belief(believed, standing.descent.evidence, choices)
+
+
+def read_of(rig, moves):
+    """Stages of a static table as this rig would be read without noise."""
+    blank = [StaticStage(0.215, i, "loading", np.radians(deg), (), 0.0, 0.0, 0.0) for i, deg in enumerate((60.0, 80.0, 100.0, 120.0), 1)]
+    (table,) = stage_tables(blank, {}, moves)
+    forces = table.simulated(Supposed(rig)).reshape(3, -1).T
+    return [replace(s, fy_N=float(fy), fz_N=float(fz), tx_Nm=float(tx)) for s, (fy, fz, tx) in zip(blank, forces, strict=True)]
+
+
+def test_how_a_table_was_moved_through_is_learnt_from_what_fits_well():
+    standing, trials, belief = searched_among((HEAVY,), ["tip_mass"])
+    found = _with_singles(standing, standing.base, trials, belief, True)
+    assert found.learnt and {table.moves for table in found.descent.evidence.tables} == {SOFTLY}
+
+
+def test_it_is_not_learnt_from_half_of_what_is_missing_but_from_all_of_it():
+    standing, trials, belief = searched_among((HEAVY, LEAKING), ["tip_mass", "sensor_crosstalk"])
+    found = _with_singles(standing, standing.base, trials, belief, True)
+    assert not found.learnt and _learnt_at_last(found, True) is found
+    found = _learnt_at_last(_with_pairs(found, trials), True)
+    assert found.learnt and {table.moves for table in found.descent.evidence.tables} == {SOFTLY}

@@ -1,0 +1,75 @@
+"""Fits along strokes that grow: to what descents on whole strokes do not reach, and no stop is lost on the way."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfca_rig.diagnosis import growing
+from rfca_rig.diagnosis.coordinates import Choice, Coordinates
+from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.evidence import Evidence, evidence_of
+from rfca_rig.diagnosis.growing import grown
+from rfca_rig.diagnosis.judging import judge_of
+from rfca_rig.diagnosis.nuisances import nuisances_of
+from rfca_rig.model.catalogue import catalogue
+from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
+
+CONDITIONS = [(205.0, 2.433), (215.0, 2.8), (220.0, 3.249)]
+STOPPED = present("hinge_stop", angle_deg=22.0, stiffness_Nm_per_rad=16.0)
+TRUE, FAR, SOFT = (0.45, -1.27), (0.6, 1.0), (-0.5, -2.0)  # coordinates of the stop's angle and stiffness
+
+
+@pytest.fixture(scope="module")
+def descent():
+    evidence = evidence_of(flaps_of(recorded(replace(RIG, effects=(STOPPED,)), CONDITIONS, with_shaft=False)))
+    return Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+
+
+@pytest.fixture(scope="module")
+def begun(descent):
+    coordinates = Coordinates(nuisances_of(RIG, KNOWN_TO, 0.0)).with_choices([Choice(catalogue()["hinge_stop"])])
+    return lambda stop, nuisances=0.0: descent.at(coordinates, np.append(np.full(coordinates.nuisances, nuisances), stop))
+
+
+def stop_of(fitted):
+    return dict(fitted.coordinates.supposed(fitted.x).rig.effects[0].values)
+
+
+def is_true(fitted):
+    return stop_of(fitted) == {"angle_deg": pytest.approx(22.0, abs=0.1), "stiffness_Nm_per_rad": pytest.approx(16.0, rel=0.1)}
+
+
+def test_a_stop_is_found_behind_a_wall_that_whole_strokes_do_not_pass(descent, begun):
+    straight = descent.polished(descent.descended(begun(FAR)))
+    (found,) = grown(descent, [begun(FAR)])
+    assert not is_true(straight) and is_true(found)
+    assert descent.log_evidence(found) > descent.log_evidence(straight) + 100.0
+
+
+def test_nuisances_begin_as_believed(descent, begun):
+    near, far = (grown(descent, [begun(FAR, nuisances)])[0] for nuisances in (0.0, 2.0))
+    assert np.array_equal(near.x, far.x)
+
+
+def test_a_stop_that_the_beginnings_do_not_reach_stays_where_it_was(descent, begun, monkeypatch):
+    assert is_true(grown(descent, [begun(TRUE)])[0])
+    monkeypatch.setattr(growing, "UNSEEN", np.inf)
+    assert not is_true(grown(descent, [begun(TRUE)])[0])
+
+
+def test_the_best_go_on(descent, begun, monkeypatch):
+    monkeypatch.setattr(growing, "KEPT", 1)
+    (found,) = grown(descent, [begun(SOFT), begun(TRUE), begun(SOFT)])
+    assert is_true(found)
+
+
+def test_nothing_grows_without_strokes(descent, begun):
+    assert grown(replace(descent, evidence=Evidence((), descent.evidence.rows)), [begun(TRUE)]) == []
+
+
+def test_strokes_end_where_they_have_grown_to(descent):
+    step = growing._along(descent.evidence, 0.6)
+    for flap, whole in zip(step.evidence.flaps, descent.evidence.flaps, strict=True):
+        end_s = whole.phases.touchdown_s + 0.6 * (whole.phases.valley_s - whole.phases.touchdown_s)
+        assert flap.t_s[-1] == pytest.approx(end_s, abs=0.03) and flap.t_s[-1] < whole.t_s[-1]
