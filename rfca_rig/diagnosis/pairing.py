@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rfca_rig.diagnosis.descent import Descent, Fitted
-from rfca_rig.diagnosis.refining import WORTH_A_FIT, refined, worth_trying
+from rfca_rig.diagnosis.refining import WORTH_A_FIT, refined, relieving_of, worth_trying
 from rfca_rig.diagnosis.screening import Trial, tried
 from rfca_rig.diagnosis.second_look import explains
 
@@ -55,6 +55,15 @@ def _built_on(descent: Descent, ranked: Sequence[Fitted]) -> list[Fitted]:
     many = 1 if _fits_well(descent, ranked[0]) else BUILT_ON
     least = descent.log_evidence(ranked[0]) - HOPELESS
     return [single for single in ranked[:many] if descent.log_evidence(single) >= least]
+
+
+def exchanged(descent: Descent, pair: Fitted, trials: Sequence[Trial]) -> list[Fitted]:
+    """Each effect of a pair beside the one that its most strained nuisance calls for, instead of beside its partner."""
+    parts = [part for number in range(2) if (part := without(descent, pair, number)) is not None]
+    choices = list({trial.choice.effect.id: trial.choice for trial in trials if trial.choice.effect.same_as}.values())
+    others = [[choice for choice in choices if choice.effect.id not in ids_of(part)] for part in parts]
+    looks = [tried(descent.evidence, part, more) for part, more in zip(parts, others, strict=True)]
+    return [fit for part, look in zip(parts, looks, strict=True) for fit in refined(descent, part, relieving_of(descent, part, look))]
 
 
 def no_worse_than_nested(descent: Descent, base: Fitted, singles: Sequence[Fitted], pairs: Sequence[Fitted]) -> list[Fitted]:

@@ -22,7 +22,7 @@ def worth_trying(descent: Descent, fitted: Fitted, looks: Sequence[Trial], count
     """The effects to put beside what was fitted, with the places to begin from: those that promise most, `least` of chi2 or more, and
     the one that a strain may stand for.
     """
-    promising, relieving = _promising(descent, fitted, looks, count, least), _relieving(descent, fitted, looks)
+    promising, relieving = _promising(descent, fitted, looks, count, least), relieving_of(descent, fitted, looks)
     tried_anyhow = {group[0].choice for group in promising}
     return [*promising, *(group for group in relieving if group[0].choice not in tried_anyhow)]
 
@@ -82,13 +82,17 @@ def _begun(descent: Descent, base: Fitted, trial: Trial) -> Fitted | None:
     return None if start is None else descent.descended(start, levels=2, rounds=2)
 
 
-def _relieving(descent: Descent, fitted: Fitted, looks: Sequence[Trial]) -> list[list[Trial]]:
+def relieving_of(descent: Descent, fitted: Fitted, looks: Sequence[Trial]) -> list[list[Trial]]:
     """The effect that does what the most strained nuisance does, if there is one: a rack 3 mm too high is no rack known to 0.2 mm."""
     moved = descent.judged(fitted).posterior.mean[: fitted.coordinates.nuisances]
     worst = int(np.argmax(np.abs(moved)))
     if abs(moved[worst]) < STRAINED:
         return []
-    wanted = _direction(descent, fitted.slope[:, worst])
+    does = fitted.slope[:, worst]
+    same = [look for look in looks if look.choice.effect.same_as == fitted.coordinates.space.names[worst]]
+    if same:
+        return [[min(same, key=lambda look: float(np.linalg.norm(descent.judge.usual(look.signature - does * moved[worst]))))]]
+    wanted = _direction(descent, does)
     alike = sorted(((abs(float(_direction(descent, look.signature) @ wanted)), n) for n, look in enumerate(looks)), reverse=True)
     return [[looks[n]] for cosine, n in alike[:1] if cosine > DOES_THE_SAME]
 

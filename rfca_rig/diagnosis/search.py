@@ -15,7 +15,7 @@ from rfca_rig.diagnosis.growing import grown
 from rfca_rig.diagnosis.handing_over import handed_over
 from rfca_rig.diagnosis.hypotheses import Found, unlisted, weighed
 from rfca_rig.diagnosis.judging import judge_of
-from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED, no_worse_than_nested, paired, without
+from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED, exchanged, no_worse_than_nested, paired, without
 from rfca_rig.diagnosis.refining import refined, worth_trying
 from rfca_rig.diagnosis.scatter import Scatter, scatter_of
 from rfca_rig.diagnosis.screening import Trial, choices_of, tried
@@ -71,10 +71,7 @@ def searched(
     standing = _with_pairs(standing, trials)
     if not explains(standing.descent, standing.best):
         progress("along growing strokes", 0.75)
-        standing = _grown(standing, trials)
-    if is_astray(standing.descent, standing.base) and not explains(standing.descent, standing.best):
-        progress("a second look at pairs of effects", 0.8)
-        standing = _with_pairs_from_belief(standing, belief, stopped_as_told)
+        standing = _explained(standing, belief, trials, stopped_as_told)
     progress("weighing", 0.9)
     standing = _learnt_at_last(standing, stopped_as_told)
     standing = _with_nothing_again(_with_parts_again(standing, trials))
@@ -130,10 +127,23 @@ def _with_pairs(standing: _Standing, trials: Sequence[Trial]) -> _Standing:
     return replace(standing, pairs=tuple(_best_polished(descent, pairs)))
 
 
-def _grown(standing: _Standing, trials: Sequence[Trial]) -> _Standing:
-    """The best effects and pairs begun anew along growing strokes; pairs are sought again beside an effect that gets much further."""
+def _explained(standing: _Standing, belief: Belief, trials: Sequence[Trial], stopped_as_told: bool) -> _Standing:
+    """What is tried where nothing explains the recordings, one after the other until something does."""
     descent = standing.descent
-    again = grown(descent, [*_best(descent, standing.singles, GROWN_ALONE), *_best(descent, standing.pairs, GROWN_TOGETHER)])
+    best = [*_best(descent, standing.singles, GROWN_ALONE), *_best(descent, standing.pairs, GROWN_TOGETHER)]
+    standing = _grown(standing, best, trials)
+    if is_astray(standing.descent, standing.base) and not explains(standing.descent, standing.best):
+        standing = _with_pairs_from_belief(standing, belief, stopped_as_told)
+    if standing.pairs and not explains(standing.descent, standing.best):
+        (pair,) = _best(standing.descent, standing.pairs, 1)
+        standing = _grown(standing, exchanged(standing.descent, pair, trials), trials)
+    return standing
+
+
+def _grown(standing: _Standing, fits: Sequence[Fitted], trials: Sequence[Trial]) -> _Standing:
+    """These begun anew along growing strokes; pairs are sought again beside an effect that gets much further."""
+    descent = standing.descent
+    again = grown(descent, fits)
     singles, pairs = ([fitted for fitted in again if len(fitted.coordinates.choices) == count] for count in (1, 2))
     pairs = _each_at_its_best(descent, [*standing.pairs, *pairs])
     return _pairs_again(replace(standing, pairs=tuple(pairs)), _each_at_its_best(descent, [*standing.singles, *singles]), trials)
