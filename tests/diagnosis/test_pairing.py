@@ -9,11 +9,12 @@ from rfca_rig.diagnosis import pairing
 from rfca_rig.diagnosis.coordinates import Choice, Coordinates
 from rfca_rig.diagnosis.descent import Descent
 from rfca_rig.diagnosis.evidence import evidence_of
-from rfca_rig.diagnosis.judging import judge_of
+from rfca_rig.diagnosis.judging import STRAINED, judge_of
 from rfca_rig.diagnosis.nuisances import nuisances_of
-from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED, ids_of, paired
+from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED, exchanged, ids_of, paired
+from rfca_rig.diagnosis.refining import relieving_of
 from rfca_rig.diagnosis.scatter import Scatter
-from rfca_rig.diagnosis.screening import tried
+from rfca_rig.diagnosis.screening import Trial, tried
 from rfca_rig.diagnosis.search import _Standing, _with_parts_again
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
@@ -93,3 +94,42 @@ def test_pairs_are_built_anew_on_an_effect_that_stood_in_a_bad_light(both):
     found = _with_parts_again(standing, trials)
     assert ("tip_mass", "sensor_crosstalk") in {ids_of(pair) for pair in found.pairs}
     assert ids_of(found.best) == ("tip_mass", "sensor_crosstalk")
+
+
+HIGH = present("height_offset", offset_mm=1.5)
+SUPPOSED = [Choice(catalogue()[name]) for name in ("tip_mass", "sensor_drift", "height_offset")]
+
+
+def pair_at_its_best(descent, begun, partner):
+    wider = descent.at(begun.coordinates.with_choices([RIVALS[0], partner]), np.append(begun.x, 0.0))
+    return descent.polished(descent.descended(wider))
+
+
+@pytest.mark.parametrize("high_mm", [1.5, -1.5])
+def test_what_a_strained_value_stands_for_is_put_in_the_place_of_a_partner(high_mm):
+    """A drift stands beside the heavier tip, and the rack is where nobody believes it: it is the rack instead of the drift."""
+    descent, _, begun, trials = searched((HEAVY, replace(HIGH, values=(("offset_mm", high_mm),))), SUPPOSED)
+    pair = pair_at_its_best(descent, begun, SUPPOSED[1])
+    assert pair.farthest > STRAINED
+    found = max(exchanged(descent, pair, trials), key=descent.log_evidence)
+    assert ids_of(found) == ("tip_mass", "height_offset")
+    assert dict(found.coordinates.supposed(found.x).rig.effects[1].values)["offset_mm"] == pytest.approx(high_mm, abs=0.25)
+    assert descent.log_evidence(found) > descent.log_evidence(pair) + 10.0
+
+
+def test_nothing_is_exchanged_where_nothing_is_strained(both):
+    descent, _, begun, trials = both
+    pair = pair_at_its_best(descent, begun, RIVALS[1])
+    assert pair.farthest < STRAINED
+    assert exchanged(descent, pair, [*trials, *tried(descent.evidence, pair, SUPPOSED[2:])]) == []
+
+
+@pytest.mark.parametrize("high_mm", [1.5, -1.5])
+def test_a_strained_value_calls_for_the_effect_that_does_the_very_same_and_as_large(high_mm):
+    descent, _, begun, _ = searched((replace(HIGH, values=(("offset_mm", high_mm),)),), SUPPOSED)
+    strained = descent.polished(descent.descended(begun))
+    place = strained.coordinates.space.names.index("height")
+    looks = tried(descent.evidence, strained, SUPPOSED[2:])
+    alike = Trial(SUPPOSED[1], np.zeros(1), strained.slope[:, place] * strained.x[place])
+    ((called,),) = relieving_of(descent, strained, [alike, *looks])
+    assert called.choice is SUPPOSED[2] and np.sign(called.z[0]) == np.sign(high_mm)
