@@ -63,7 +63,7 @@ def exchanged(descent: Descent, pair: Fitted, trials: Sequence[Trial]) -> list[F
     choices = list({trial.choice.effect.id: trial.choice for trial in trials if trial.choice.effect.same_as}.values())
     others = [[choice for choice in choices if choice.effect.id not in ids_of(part)] for part in parts]
     looks = [tried(descent.evidence, part, more) for part, more in zip(parts, others, strict=True)]
-    return [fit for part, look in zip(parts, looks, strict=True) for fit in refined(descent, part, relieving_of(descent, part, look))]
+    return [fit for part, look in zip(parts, looks, strict=True) for fit in refined(descent, part, relieving_of(descent, pair, look))]
 
 
 def no_worse_than_nested(descent: Descent, base: Fitted, singles: Sequence[Fitted], pairs: Sequence[Fitted]) -> list[Fitted]:

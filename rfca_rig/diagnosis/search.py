@@ -14,7 +14,7 @@ from rfca_rig.diagnosis.evidence import THREADS, Evidence
 from rfca_rig.diagnosis.growing import grown
 from rfca_rig.diagnosis.handing_over import handed_over
 from rfca_rig.diagnosis.hypotheses import Found, unlisted, weighed
-from rfca_rig.diagnosis.judging import judge_of
+from rfca_rig.diagnosis.judging import GOOD_FIT, judge_of
 from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED, exchanged, no_worse_than_nested, paired, without
 from rfca_rig.diagnosis.refining import refined, worth_trying
 from rfca_rig.diagnosis.scatter import Scatter, scatter_of
@@ -129,15 +129,15 @@ def _with_pairs(standing: _Standing, trials: Sequence[Trial]) -> _Standing:
 
 def _explained(standing: _Standing, belief: Belief, trials: Sequence[Trial], stopped_as_told: bool) -> _Standing:
     """What is tried where nothing explains the recordings, one after the other until something does."""
-    descent = standing.descent
-    best = [*_best(descent, standing.singles, GROWN_ALONE), *_best(descent, standing.pairs, GROWN_TOGETHER)]
+    best = [*_best(standing.descent, standing.singles, GROWN_ALONE), *_best(standing.descent, standing.pairs, GROWN_TOGETHER)]
     standing = _grown(standing, best, trials)
     if is_astray(standing.descent, standing.base) and not explains(standing.descent, standing.best):
-        standing = _with_pairs_from_belief(standing, belief, stopped_as_told)
-    if standing.pairs and not explains(standing.descent, standing.best):
-        (pair,) = _best(standing.descent, standing.pairs, 1)
-        standing = _grown(standing, exchanged(standing.descent, pair, trials), trials)
-    return standing
+        standing = _with_pairs_from_belief(standing, belief)
+    if explains(standing.descent, standing.best) or not standing.pairs:
+        return standing
+    standing = _learnt_at_last(standing, stopped_as_told)
+    (pair,) = _best(standing.descent, standing.pairs, 1)
+    return _grown(standing, exchanged(standing.descent, pair, trials), trials)
 
 
 def _grown(standing: _Standing, fits: Sequence[Fitted], trials: Sequence[Trial]) -> _Standing:
@@ -175,16 +175,10 @@ def _with_nothing_again(standing: _Standing) -> _Standing:
     return standing if again is None else replace(standing, base=descent.polished(again))
 
 
-def _with_pairs_from_belief(standing: _Standing, belief: Belief, stopped_as_told: bool) -> _Standing:
+def _with_pairs_from_belief(standing: _Standing, belief: Belief) -> _Standing:
     """More pairs, those that promise most from what is believed."""
-    descent = standing.descent
-    again = _best_polished(descent, pairs_from_belief(descent, belief))
-    better = _clearly_better(descent, standing.best, again)
-    standing = replace(standing, pairs=tuple(_each_at_its_best(descent, [*standing.pairs, *again])))
-    if better is None:
-        return standing
-    standing = _learnt_anew(standing, better, stopped_as_told)
-    return replace(standing, pairs=tuple(_best_polished(standing.descent, standing.pairs)))
+    again = _best_polished(standing.descent, pairs_from_belief(standing.descent, belief))
+    return replace(standing, pairs=tuple(_each_at_its_best(standing.descent, [*standing.pairs, *again])))
 
 
 def _learnt_anew(standing: _Standing, best: Fitted, stopped_as_told: bool) -> _Standing:
@@ -202,8 +196,9 @@ def _learnt_anew(standing: _Standing, best: Fitted, stopped_as_told: bool) -> _S
 
 
 def _learnt_at_last(standing: _Standing, stopped_as_told: bool) -> _Standing:
-    """The same from the best explanation there is at last, if it is one."""
-    if standing.learnt or not explains(standing.descent, standing.best):
+    """The same from the best explanation there is, if it is one or comes close to the recordings all the same."""
+    descent, best = standing.descent, standing.best
+    if standing.learnt or not (explains(descent, best) or descent.judged(best).error < GOOD_FIT):
         return standing
     standing = _learnt_anew(standing, standing.best, stopped_as_told)
     descent = standing.descent
