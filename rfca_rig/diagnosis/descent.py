@@ -130,6 +130,10 @@ class Descent:
         missing = self.misfit(found.x, found.predicted, whitening) - promised
         return replace(judgement, log_evidence=judgement.log_evidence - max(missing, 0.0))
 
+    def judged_unlisted(self, found: Fitted) -> Judgement:
+        """How likely they are with something unlisted beside the hypothesis."""
+        return self.judge.judged_unknown(found.linear(self.evidence.rows.measured))
+
     def log_evidence(self, found: Fitted) -> float:
         """That of the judgement."""
         return self.judged(found).log_evidence

@@ -38,7 +38,7 @@ def grown(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:
 
     None where no stroke was recorded, and none of a fit for which the model has no answer on the way.
     """
-    if not descent.evidence.flaps:
+    if not fits or not descent.evidence.flaps:
         return []
     here = [_Place(fitted.coordinates, _as_believed(fitted)) for fitted in fits]
     for share in BEGINNINGS:

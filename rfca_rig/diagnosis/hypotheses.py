@@ -63,11 +63,6 @@ def weighed(descent: Descent, base: Fitted, fits: Sequence[Fitted], effects: int
     return _as_believable(nothing, named), tuple(sorted(believable, key=lambda hypothesis: -hypothesis.log_joint))
 
 
-def unlisted(descent: Descent, base: Fitted) -> Judgement:
-    """Something unlisted beside nothing missing."""
-    return descent.judge.judged_unknown(base.linear(descent.evidence.rows.measured))
-
-
 def _as_believable(hypothesis: Hypothesis, named: Sequence[Hypothesis]) -> Hypothesis:
     """The hypothesis without what only a value explains that nobody believes, where one of `named` says the very same by an effect.
 

@@ -13,7 +13,7 @@ from rfca_rig.diagnosis.descent import Descent, Fitted
 from rfca_rig.diagnosis.evidence import THREADS, Evidence
 from rfca_rig.diagnosis.growing import grown
 from rfca_rig.diagnosis.handing_over import handed_over
-from rfca_rig.diagnosis.hypotheses import Found, unlisted, weighed
+from rfca_rig.diagnosis.hypotheses import Found, weighed
 from rfca_rig.diagnosis.judging import GOOD_FIT, judge_of
 from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED, exchanged, no_worse_than_nested, paired, without
 from rfca_rig.diagnosis.refining import refined, worth_trying
@@ -77,7 +77,7 @@ def searched(
     standing = _with_nothing_again(_with_parts_again(standing, trials))
     believed = standing.descent.at(coordinates, believed.x, believed.slope) or believed
     nothing, named = weighed(standing.descent, standing.base, (*standing.singles, *standing.pairs), len(effects))
-    unknown = unlisted(standing.descent, standing.base)
+    unknown = standing.descent.judged_unlisted(standing.base)
     evidence, judge = standing.descent.evidence, standing.descent.judge
     return Found(believed, nothing, unknown, named, tuple(trials), standing.scatter, judge, evidence)
 
@@ -151,9 +151,7 @@ def _grown(standing: _Standing, fits: Sequence[Fitted], trials: Sequence[Trial])
 
 def _with_parts_again(standing: _Standing, trials: Sequence[Trial]) -> _Standing:
     """The parts of the best pair fitted again; pairs are built anew where that shows an effect in a much better light than it stood in."""
-    descent = standing.descent
-    singles = no_worse_than_nested(descent, standing.base, standing.singles, standing.pairs)
-    return _pairs_again(standing, singles, trials)
+    return _pairs_again(standing, no_worse_than_nested(standing.descent, standing.base, standing.singles, standing.pairs), trials)
 
 
 def _pairs_again(standing: _Standing, singles: Sequence[Fitted], trials: Sequence[Trial]) -> _Standing:

@@ -48,7 +48,7 @@ class Belief:
 
 def is_lost(descent: Descent, fitted: Fitted) -> bool:
     """Whether a fit explains so little that it is no place to go on from."""
-    return _unlisted(descent, fitted) > descent.log_evidence(fitted) + LOST_BY * len(descent.evidence.rows.measured)
+    return descent.judged_unlisted(fitted).log_evidence > descent.log_evidence(fitted) + LOST_BY * len(descent.evidence.rows.measured)
 
 
 def is_astray(descent: Descent, base: Fitted) -> bool:
@@ -59,14 +59,11 @@ def is_astray(descent: Descent, base: Fitted) -> bool:
 def explains(descent: Descent, fitted: Fitted) -> bool:
     """Whether something unlisted is no likelier, nothing that is believed had to go, and conditions are foretold from each other."""
     rows, judgement = descent.evidence.rows, descent.judged(fitted)
-    if judgement.farthest(fitted.coordinates.nuisances) > IMPLAUSIBLE or _unlisted(descent, fitted) > judgement.log_evidence:
+    unlisted = descent.judged_unlisted(fitted).log_evidence
+    if judgement.farthest(fitted.coordinates.nuisances) > IMPLAUSIBLE or unlisted > judgement.log_evidence:
         return False
     apart = rms_left_out(fitted.linear(rows.measured), descent.judge.usual, rows)
     return len(apart) < 2 or float(apart.mean()) <= FORETOLD_TO
-
-
-def _unlisted(descent: Descent, fitted: Fitted) -> float:
-    return descent.judge.judged_unknown(fitted.linear(descent.evidence.rows.measured)).log_evidence
 
 
 def singles_from_belief(descent: Descent, belief: Belief) -> list[Fitted]:
