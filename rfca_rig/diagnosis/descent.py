@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.coordinates import FARTHEST, Coordinates
 from rfca_rig.diagnosis.covariance import AtError, Whitening
 from rfca_rig.diagnosis.evidence import Evidence
-from rfca_rig.diagnosis.judging import Judge, Judgement
+from rfca_rig.diagnosis.judging import Judge, Judgement, judge_of
 from rfca_rig.diagnosis.linear import Linear, posterior_of
 
 Floats = NDArray[np.float64]
@@ -48,6 +48,12 @@ class Fitted:
     def farthest(self) -> float:
         """How many prior deviations off the nuisance stands that is farthest from where it is believed."""
         return float(np.abs(self.x[: self.coordinates.nuisances]).max())
+
+    @property
+    def as_believed(self) -> Floats:
+        """x with its effects as they stand and its nuisances as believed, (p,)."""
+        nuisances = self.coordinates.nuisances
+        return np.concatenate([np.zeros(nuisances), self.x[nuisances:]])
 
     def linear(self, measured: Floats) -> Linear:
         """The hypothesis as a linear model."""
@@ -191,6 +197,11 @@ class Descent:
         """The model's rows a step away from x, by the unknown that is moved."""
         places = [coordinates.supposed(np.where(np.arange(len(x)) == i, x + step, x)) for i, step in steps.items()]
         return dict(zip(steps, self.evidence.predicted_all(places), strict=True))
+
+
+def unscattered(evidence: Evidence) -> Descent:
+    """The descent while nothing is known of what scatters from stroke to stroke: that is left to the model's error."""
+    return Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
 
 
 def _widths(size: Floats) -> Floats:

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.coordinates import Coordinates
-from rfca_rig.diagnosis.descent import Descent, Fitted
+from rfca_rig.diagnosis.descent import Descent, Fitted, unscattered
 from rfca_rig.diagnosis.evidence import THREADS, Evidence, evidence_of
-from rfca_rig.diagnosis.judging import judge_of
 from rfca_rig.diagnosis.strokes import FlapCondition
 
 Floats = NDArray[np.float64]
@@ -40,18 +39,13 @@ def grown(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:
     """
     if not fits or not descent.evidence.flaps:
         return []
-    here = [_Place(fitted.coordinates, _as_believed(fitted)) for fitted in fits]
+    here = [_Place(fitted.coordinates, fitted.as_believed) for fitted in fits]
     for share in BEGINNINGS:
         step = _along(descent.evidence, share)
         found = _each_descended(step, here)
         best = sorted(found, key=lambda pair: step.log_evidence(pair[1]), reverse=True)
         here = [_gone_on(step, place, fitted) for place, fitted in (best if share == BEGINNINGS[0] else best[:KEPT])]
     return [descent.polished(fitted) for _, fitted in _each_descended(descent, here)]
-
-
-def _as_believed(fitted: Fitted) -> Floats:
-    nuisances = fitted.coordinates.nuisances
-    return np.concatenate([np.zeros(nuisances), fitted.x[nuisances:]])
 
 
 def _each_descended(step: Descent, places: Sequence[_Place]) -> list[tuple[_Place, Fitted]]:
@@ -69,9 +63,9 @@ def _gone_on(step: Descent, place: _Place, fitted: Fitted) -> _Place:
 
 
 def _along(evidence: Evidence, share: float) -> Descent:
-    """The descent on every stroke until that share of its way from touchdown to valley; what scatters is left to the model's error."""
-    evidence = evidence_of([part.until(_moment_s(part, share)) if isinstance(part, FlapCondition) else part for part in evidence.parts])
-    return Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+    """The descent on every stroke until that share of its way from touchdown to valley."""
+    parts = [part.until(_moment_s(part, share)) if isinstance(part, FlapCondition) else part for part in evidence.parts]
+    return unscattered(evidence_of(parts))
 
 
 def _moment_s(flap: FlapCondition, share: float) -> float:

@@ -60,9 +60,7 @@ def _as_believed(descent: Descent, base: Fitted) -> list[Fitted]:
     """The base with all nuisances where they are believed, if they had to go far: what is missing may have drawn them there."""
     if base.farthest < STRAINED:
         return []
-    nuisances = base.coordinates.nuisances
-    x = np.concatenate([np.zeros(nuisances), base.x[nuisances:]])
-    there = descent.at(base.coordinates, x)
+    there = descent.at(base.coordinates, base.as_believed)
     return [] if there is None else [there]
 
 

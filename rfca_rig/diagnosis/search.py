@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.conventions import held_anyhow, with_likeliest_moves
 from rfca_rig.diagnosis.coordinates import Coordinates
-from rfca_rig.diagnosis.descent import Descent, Fitted
+from rfca_rig.diagnosis.descent import Descent, Fitted, unscattered
 from rfca_rig.diagnosis.evidence import THREADS, Evidence
 from rfca_rig.diagnosis.growing import grown
 from rfca_rig.diagnosis.handing_over import handed_over
@@ -84,7 +84,7 @@ def searched(
 
 def _begun(evidence: Evidence, coordinates: Coordinates) -> tuple[Fitted, _Standing]:
     """The model as believed, and where it fits best with nothing missing."""
-    start = Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+    start = unscattered(evidence)
     believed = start.at(coordinates, np.zeros(coordinates.size))
     if believed is None:
         raise SimulationFailed("the model cannot be computed as believed; look for a slipped decimal point in the leg or the ground")
