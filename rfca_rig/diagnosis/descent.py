@@ -5,7 +5,8 @@ explain would drive the nuisances to the ends of their priors.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,10 +33,10 @@ ALIKE = 0.995  # cosine of two slopes in units of noise
 GOOD_ENOUGH = 0.02  # of the log posterior density
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fitted:
     """A hypothesis at its best point: x (p,), the model's rows there (m,), its slope (m, p), and about how many deviations long each
-    column of that is, `size` (p,).
+    column of that is, `size` (p,). Equal to none but itself.
     """
 
     coordinates: Coordinates
@@ -66,6 +67,7 @@ class Descent:
 
     evidence: Evidence
     judge: Judge
+    _judgements: WeakKeyDictionary[Fitted, Judgement] = field(default_factory=WeakKeyDictionary, init=False, repr=False, compare=False)
 
     def at(self, coordinates: Coordinates, x: Floats, known_slope: Floats | None = None) -> Fitted | None:
         """The hypothesis at x; None where the model has no answer. The first slopes are taken over from `known_slope`."""
@@ -129,6 +131,11 @@ class Descent:
 
         A slope across a kink, as of a stop that no hinge reaches, promises much.
         """
+        if (known := self._judgements.get(found)) is None:
+            known = self._judgements[found] = self._judged(found)
+        return known
+
+    def _judged(self, found: Fitted) -> Judgement:
         linear = found.linear(self.evidence.rows.measured)
         judgement = self.judge.judged(linear)
         mean, whitening = judgement.posterior.mean, judgement.whitening

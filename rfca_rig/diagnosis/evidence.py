@@ -55,16 +55,25 @@ class Evidence:
         return tuple(part for part in self.parts if isinstance(part, StageTable))
 
     def predicted(self, supposed: Supposed) -> Floats | None:
-        """The model's rows (m,); None where it has no answer."""
-        try:
-            return np.concatenate([part.simulated(supposed) for part in self.parts])
-        except (SimulationFailed, BadInput):
-            return None
+        """The model's rows (m,), its conditions side by side; None where it has no answer."""
+        with ThreadPoolExecutor(THREADS) as pool:
+            return _joined(pool.map(lambda part: part.simulated(supposed), self.parts))
 
     def predicted_all(self, supposed: Sequence[Supposed]) -> list[Floats | None]:
         """The same for many, side by side: the compiled model releases the interpreter lock."""
         with ThreadPoolExecutor(THREADS) as pool:
-            return list(pool.map(self.predicted, supposed))
+            return list(pool.map(self._predicted_here, supposed))
+
+    def _predicted_here(self, supposed: Supposed) -> Floats | None:
+        return _joined(part.simulated(supposed) for part in self.parts)
+
+
+def _joined(rows: Iterable[Floats]) -> Floats | None:
+    """The rows of all conditions; None where the model has no answer for one of them."""
+    try:
+        return np.concatenate(list(rows))
+    except (SimulationFailed, BadInput):
+        return None
 
 
 def evidence_of(parts: Iterable[Part]) -> Evidence:

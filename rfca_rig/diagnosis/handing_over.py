@@ -28,7 +28,12 @@ NEARER = 0.5  # prior deviations
 
 
 def handed_over(descent: Descent, found: Fitted) -> Fitted:
-    """The better of `found` and of where its effects lead when its most strained nuisance, or all of them, begin as believed."""
+    """The better of `found` and of where its effects lead when its most strained nuisance, or all of them, begin as believed.
+
+    As it was found where none of its effects does what a believed value does: nothing is there to be handed over.
+    """
+    if not any(found.coordinates.same_as):
+        return found
     for _ in range(AT_MOST):
         if found.farthest < STRAINED:
             return found

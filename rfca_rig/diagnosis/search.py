@@ -29,6 +29,7 @@ Progress = Callable[[str, float], None]
 REFINED = 7  # effects whose best point is sought, of those that screening ranks highest
 GROWN_ALONE, GROWN_TOGETHER = 3, 4  # effects, and pairs of them, that are begun anew where none explains
 POLISHED_BEST = 3  # hypotheses of each size that are brought to their very best point
+POOR_FIT = 0.015  # a model error from which on a better explanation is looked for
 CLEARLY_BETTER = 10.0  # log evidence
 FAR_BELOW, NEARLY_AS_GOOD = 100.0, 20.0  # log evidence: more than polishing brings; where handing over may decide
 
@@ -69,7 +70,7 @@ def searched(
     standing = _with_singles(standing, there, trials, belief, stopped_as_told)
     progress("pairs of effects", 0.6)
     standing = _with_pairs(standing, trials)
-    if not explains(standing.descent, standing.best):
+    if not _explains_well(standing.descent, standing.best):
         progress("along growing strokes", 0.75)
         standing = _explained(standing, belief, trials, stopped_as_told)
     progress("weighing", 0.9)
@@ -128,7 +129,7 @@ def _with_pairs(standing: _Standing, trials: Sequence[Trial]) -> _Standing:
 
 
 def _explained(standing: _Standing, belief: Belief, trials: Sequence[Trial], stopped_as_told: bool) -> _Standing:
-    """What is tried where nothing explains the recordings, one after the other until something does."""
+    """What is tried where nothing explains the recordings well, one after the other until something explains them."""
     best = [*_best(standing.descent, standing.singles, GROWN_ALONE), *_best(standing.descent, standing.pairs, GROWN_TOGETHER)]
     standing = _grown(standing, best, trials)
     if is_astray(standing.descent, standing.base) and not explains(standing.descent, standing.best):
@@ -222,6 +223,11 @@ def _each_at_its_best(descent: Descent, fits: Sequence[Fitted]) -> list[Fitted]:
 def _all_lost(descent: Descent, fits: Sequence[Fitted]) -> bool:
     """Whether there is none, or even the best explains next to nothing."""
     return not fits or is_lost(descent, max(fits, key=descent.log_evidence))
+
+
+def _explains_well(descent: Descent, fitted: Fitted) -> bool:
+    """Whether nothing better need be looked for: half of an explanation, or a wrong one, may explain with a large error of the model."""
+    return explains(descent, fitted) and descent.judged(fitted).error < POOR_FIT
 
 
 def _polished_if_near(descent: Descent, base: Fitted, singles: Sequence[Fitted]) -> Fitted:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.rows import Label, Rows
 from rfca_rig.model.chain import Tolerance
+from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves, staged_motion
 from rfca_rig.model.stroke import stroke_following
 from rfca_rig.recording.form import StaticStage
@@ -29,6 +31,7 @@ IN_MOTION_ONLY = (
 HELD_ANYHOW = 30.0  # of the usual friction: 0.3 of it goes with a model error of 1 %
 # A third less work than by default; what is read changes by some hundredths of what a model usually errs by.
 CLOSE_ENOUGH = Tolerance(3e-5, 9e-2, 0.04, most_steps=200_000)
+REMEMBERED = 256  # tables, some kilobytes each
 HOLD_S = 0.3  # the slowest swing of the paper's leg has died out
 
 
@@ -61,14 +64,11 @@ class StageTable:
         return self._table(supposed)[self._present()]
 
     def _table(self, supposed: Supposed) -> Floats:
-        leg = supposed.rig.leg
-        turned = [stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages]
-        motion, read_s = staged_motion(leg.start_angle_rad, turned, self.moves)
+        turned = tuple(stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages)
         settled = tuple(effect for effect in supposed.rig.effects if effect.id not in IN_MOTION_ONLY)
         rig = replace(supposed.rig, swing=None, effects=settled)
-        held = stroke_following(rig, self.height_m + supposed.height_offset_m, motion, read_s, CLOSE_ENOUGH)
-        hinges = np.degrees(np.diff(held.q_rad, axis=1)).T[: len(self.signals) - 3]
-        return np.concatenate([held.fy_N, held.fz_N, held.tx_Nm, *hinges])
+        held = _held(rig, self.height_m + supposed.height_offset_m, turned, self.moves)
+        return np.concatenate(held[: len(self.signals)])
 
     def _measured(self) -> Floats:
         forces = [[getattr(stage, signal) for stage in self.stages] for signal in FORCES]
@@ -105,6 +105,17 @@ class StageTable:
             condition=np.zeros(int(present.sum()), dtype=np.intp),
             labels=tuple(Label("static", f"{1e3 * self.height_m:g} mm", signal) for signal in signals),
         )
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _held(rig: RigModel, height_m: float, turned_rad: tuple[float, ...], moves: StageMoves) -> Floats:
+    """The three forces and all hinge angles of the model at these stages, (3 + hinges, stages).
+
+    Remembered: what a hypothesis moves is often something that no settled reading shows, as a leg that swings in the beginning.
+    """
+    motion, read_s = staged_motion(rig.leg.start_angle_rad, turned_rad, moves)
+    held = stroke_following(rig, height_m, motion, read_s, CLOSE_ENOUGH)
+    return np.array([held.fy_N, held.fz_N, held.tx_Nm, *np.degrees(np.diff(held.q_rad, axis=1)).T])
 
 
 def stage_tables(stages: Sequence[StaticStage], noise_std: Mapping[str, float | None], moves: StageMoves) -> tuple[StageTable, ...]:

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.diagnosis.coordinates import Choice, Coordinates
@@ -18,11 +20,13 @@ from rfca_rig.diagnosis.judging import judge_of
 from rfca_rig.diagnosis.nuisances import nuisances_of
 from rfca_rig.diagnosis.result import NamedEffect
 from rfca_rig.diagnosis.scatter import Scatter
+from rfca_rig.diagnosis.stages import stage_tables
 from rfca_rig.diagnosis.strokes import FlapCondition, flap_condition, turn_of
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import PresentEffect, RigModel
+from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.model.stroke import stroke_at_speed
-from rfca_rig.recording.form import Column, Stream, Stroke
+from rfca_rig.recording.form import Column, StaticStage, Stream, Stroke
 
 RIG_FILE = read_rig(Path(__file__).parents[2] / "calibration" / "twin.toml")
 RIG = RIG_FILE.model()
@@ -109,3 +113,13 @@ def body_of(flaps, found: Found, shafts=()) -> Body:
 
 def verdicts_of(leg: Found, decision: Decision, drive: Found | None = None, drive_decision: Decision | None = None) -> Verdicts:
     return Verdicts(leg, decision, drive, drive_decision)
+
+
+def read_at_rest(supposed: Supposed, moves: StageMoves, turned_deg: Sequence[float]) -> list[StaticStage]:
+    """Stages of a static table as this rig would be read without noise, the shaft turned to these angles one after the other."""
+    ways = ["loading", *("loading" if there > here else "unloading" for here, there in pairwise(turned_deg))]
+    turned = enumerate(zip(turned_deg, ways, strict=True), start=1)
+    blank = [StaticStage(0.215, i, way, float(np.radians(deg)), (), 0.0, 0.0, 0.0) for i, (deg, way) in turned]
+    (table,) = stage_tables(blank, {}, moves)
+    forces = table.simulated(supposed).reshape(3, -1).T
+    return [replace(s, fy_N=float(fy), fz_N=float(fz), tx_Nm=float(tx)) for s, (fy, fz, tx) in zip(blank, forces, strict=True)]

@@ -11,8 +11,7 @@ from rfca_rig.diagnosis.evidence import evidence_of
 from rfca_rig.diagnosis.nuisances import nuisances_of
 from rfca_rig.diagnosis.stages import stage_tables
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.recording.form import StaticStage
-from tests.diagnosis.by_hand import KNOWN_TO, RIG
+from tests.diagnosis.by_hand import KNOWN_TO, RIG, read_at_rest
 
 ANGLES_DEG = (60.0, 80.0, 100.0, 120.0, 118.0)
 SOFT = Choice(catalogue()["damaged_hinge"], (("hinge", 3.0),))
@@ -26,14 +25,7 @@ def hypothesis():
 
 
 def table(moves, coordinates, x):
-    directions = ["loading"] * 4 + ["unloading"]
-    empty = [
-        StaticStage(0.215, i, direction, float(np.radians(deg)), (), 0.0, 0.0, 0.0)
-        for i, (deg, direction) in enumerate(zip(ANGLES_DEG, directions, strict=True), start=1)
-    ]
-    (blank,) = stage_tables(empty, {}, moves)
-    forces = blank.simulated(coordinates.supposed(x)).reshape(3, -1).T
-    return [replace(s, fy_N=float(fy), fz_N=float(fz), tx_Nm=float(tx)) for s, (fy, fz, tx) in zip(empty, forces, strict=True)]
+    return read_at_rest(coordinates.supposed(x), moves, ANGLES_DEG)
 
 
 @pytest.mark.parametrize("true", MOVES)

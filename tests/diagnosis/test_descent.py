@@ -51,3 +51,11 @@ def test_slopes_that_are_learnt_on_the_way_stay_alike(found):
     learnt = descent._learnt(best, best.x + 0.1, aside).slope
     cosine = learnt[:, contact] @ learnt[:, -1] / (np.linalg.norm(learnt[:, contact]) * np.linalg.norm(learnt[:, -1]))
     assert abs(cosine) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_fit_is_judged_once_by_each_that_judges(found):
+    """Searches order by log evidence again and again."""
+    descent, best = found
+    assert descent.judged(best) is descent.judged(best)
+    other = Descent(descent.evidence, judge_of(descent.evidence.rows, np.ones((len(best.predicted), 1))))
+    assert other.log_evidence(best) != descent.log_evidence(best) != descent.log_evidence(replace(best, predicted=best.predicted + 1.0))

@@ -23,10 +23,10 @@ def descent():
     return Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
 
 
-def begun(descent, contact_stiffness, size):
-    """The hypothesis of a soft floor with the contact that far from believed."""
+def begun(descent, contact_stiffness, size, effect="ground_compliance"):
+    """The hypothesis of a soft floor, or of another effect, with the contact that far from believed."""
     space = nuisances_of(RIG, KNOWN_TO | {"contact_stiffness_relative": 0.5}, 0.0)
-    coordinates = Coordinates(space).with_choices((Choice(catalogue()["ground_compliance"]),))
+    coordinates = Coordinates(space).with_choices((Choice(catalogue()[effect]),))
     x = np.zeros(coordinates.size)
     x[space.names.index("contact_stiffness")], x[-1] = contact_stiffness, size
     found = descent.at(coordinates, x)
@@ -54,6 +54,13 @@ def test_what_could_not_be_claimed_is_led_from_everywhere_whatever_it_promises(d
 
 def test_what_is_not_strained_stays_as_it_is(descent):
     found = begun(descent, -1.0, -1.2)
+    assert handed_over(descent, found) is found
+
+
+def test_to_an_effect_that_does_nothing_of_the_kind_nothing_is_handed_over(descent):
+    """Though the contact should be softer by far less, which a descent from where it is believed would show."""
+    found = begun(descent, -4.0, 0.1, "tip_mass")
+    assert descent.log_evidence(descent.descended(found)) > descent.log_evidence(found) + 50.0
     assert handed_over(descent, found) is found
 
 

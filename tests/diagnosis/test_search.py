@@ -25,12 +25,12 @@ from rfca_rig.diagnosis.search import (
     _with_nothing_again,
     _with_pairs,
     _with_singles,
+    searched,
 )
 from rfca_rig.diagnosis.second_look import Belief
 from rfca_rig.diagnosis.stages import stage_tables
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.recording.form import StaticStage
-from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
+from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, read_at_rest, recorded
 
 CONDITIONS = [(205.0, 2.433), (215.0, 2.8), (220.0, 3.249)]
 BRISKLY, SOFTLY = MOVES[0], MOVES[2]
@@ -95,27 +95,29 @@ def test_what_is_missing_leads_still():
     assert mass == pytest.approx(50.0, rel=0.1)
 
 
+@pytest.mark.parametrize(("poor_from", "begun_anew"), [(0.0, True), (0.015, False)])
+def test_what_explains_with_a_large_error_of_the_model_is_not_the_end_of_the_search(monkeypatch, poor_from, begun_anew):
+    seen = []
+    monkeypatch.setattr("rfca_rig.diagnosis.search.POOR_FIT", poor_from)
+    monkeypatch.setattr("rfca_rig.diagnosis.search.grown", lambda _, fits: seen.extend(fits) or [])
+    evidence = evidence_of(flaps_of(recorded(replace(RIG, effects=(HEAVY,)), CONDITIONS, with_shaft=False)))
+    found = searched(evidence, Coordinates(nuisances_of(RIG, KNOWN_TO, 0.0)), [catalogue()["tip_mass"]], lambda *_: None)
+    assert found.named[0].ids == ("tip_mass",) and bool(seen) == begun_anew
+
+
 LEAKING = present("sensor_crosstalk", fz_per_fy=0.2)
 
 
 def searched_among(effects, rivals):
     """A search that has looked at these rivals; a static table, moved through softly, belongs to the recordings of such a leg."""
     rig = replace(RIG, effects=effects)
-    stages = read_of(rig, SOFTLY)
+    stages = read_at_rest(Supposed(rig), SOFTLY, (60.0, 80.0, 100.0, 120.0))
     evidence = evidence_of([*flaps_of(recorded(rig, CONDITIONS, with_shaft=False)), *stage_tables(stages, {}, BRISKLY)])
     coordinates = Coordinates(nuisances_of(RIG, KNOWN_TO, 0.0))
     believed, standing = _begun(held_anyhow(evidence), coordinates)
     choices = tuple(Choice(catalogue()[name]) for name in rivals)
     trials = tried(standing.descent.evidence, standing.base, choices)
     return standing, trials, Belief(believed, standing.descent.evidence, choices)
-
-
-def read_of(rig, moves):
-    """Stages of a static table as this rig would be read without noise."""
-    blank = [StaticStage(0.215, i, "loading", np.radians(deg), (), 0.0, 0.0, 0.0) for i, deg in enumerate((60.0, 80.0, 100.0, 120.0), 1)]
-    (table,) = stage_tables(blank, {}, moves)
-    forces = table.simulated(Supposed(rig)).reshape(3, -1).T
-    return [replace(s, fy_N=float(fy), fz_N=float(fz), tx_Nm=float(tx)) for s, (fy, fz, tx) in zip(blank, forces, strict=True)]
 
 
 def test_how_a_table_was_moved_through_is_learnt_from_what_fits_well():
