@@ -88,6 +88,7 @@ def test_under_the_papers_conditions_the_contact_force_is_mujocos(condition):
     assert average_pct([checked, checked]) == checked.stroke_pct < PAPER_PCT
 
 
+@pytest.mark.slow
 @needs_mujoco
 @pytest.mark.parametrize(("rise", "leaving"), [(1.0, 1.0), (0.0, 0.0), (0.6, 0.3)])
 def test_so_it_is_deep_in_a_soft_floor_where_friction_acts_higher_and_leaving_is_damped_less(rise, leaving):

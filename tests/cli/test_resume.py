@@ -139,6 +139,7 @@ def test_a_cycle_is_never_counted_twice_nor_left_out_though_the_run_is_killed_am
     assert typed(monkeypatch, capsys, "check", folder).exit_code == 0
 
 
+@pytest.mark.slow
 def test_what_a_limit_stopped_goes_on_only_when_told_so(stopped, monkeypatch, capsys):
     run = stopped("TRIP F-02: following error")
     said = typed(monkeypatch, capsys, "resume", run)

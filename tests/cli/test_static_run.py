@@ -125,6 +125,7 @@ def test_a_calibration_that_is_not_there_is_told_before_anything_moves(here, mon
     assert not (here / "runs").exists()
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_is_recovered_with_its_photos_read(monkeypatch, capsys, two_stages):
     folder, _ = two_stages
     whole = read_recording(folder / "run.h5")

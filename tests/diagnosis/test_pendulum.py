@@ -36,6 +36,7 @@ def simple():
     return diagnosed(read_pendulum_campaign(DATA / "simple"))
 
 
+@pytest.mark.slow
 def test_friction_left_out_of_a_real_pendulum_is_named_at_its_size(simple):
     assert simple.verdict == "named"
     (effect,) = simple.effects

@@ -42,6 +42,7 @@ def test_where_nothing_was_left_out_nothing_is_claimed(tmp_path):
     assert seen["hinge_backlash"]["half_gap_deg"] < 0.5
 
 
+@pytest.mark.slow
 def test_a_drive_that_is_late_is_no_cause(tmp_path):
     recording = campaign(tmp_path, {})
     diagnosis = told(replace(recording, strokes=tuple(late(stroke, 2e-3) for stroke in recording.strokes)))

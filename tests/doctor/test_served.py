@@ -66,6 +66,7 @@ def test_a_healthy_rig_has_a_green_drive_and_sensor(told):
     assert said.exit_code == (json.loads(said.out)["red"] > 0)
 
 
+@pytest.mark.slow
 def test_a_wrong_node_id_is_named_with_its_remedy_within_80_columns(told):
     said = told(node_id="5")
     assert said.exit_code == 1
@@ -96,6 +97,7 @@ def test_a_sensor_on_another_port_is_unreachable(told, server):
     assert f"ping -c 3 {server.host}" in nobody["sensor's records"]["commands"]
 
 
+@pytest.mark.slow
 def test_a_box_set_otherwise_and_a_sensor_beyond_its_range_are_told(told, server):
     assert server.told("on force-saturated") == "ok\n"
     said = by_subject(told("--json", counts_per_N="500000.0"))
@@ -113,6 +115,7 @@ def test_a_bus_that_does_not_exist_is_told(told):
     assert said.exit_code == 1
 
 
+@pytest.mark.slow
 def test_an_error_of_the_drive_is_told_with_its_meaning(told, server):
     """Last, for the drive keeps it."""
     assert server.told("on over-temperature") == "ok\n"

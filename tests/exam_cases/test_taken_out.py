@@ -60,6 +60,7 @@ def test_those_that_show_are_asked_again_each_without_its_own_effect(exam):
     assert asked == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("probability", "wrong"), [(0.97, 1.0), (0.6, 0.0)])
 def test_any_sure_name_is_wrong(exam, probability, wrong):
     folder, visible = fresh(exam)

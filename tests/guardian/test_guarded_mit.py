@@ -28,6 +28,7 @@ def mit():
 # -- who commands is gone ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_program_that_is_killed_in_mid_motion_leaves_no_torque(mit):
     with driving(mit) as d:
         assert d.greatest_torque_Nm() > 1.0
@@ -36,6 +37,7 @@ def test_a_program_that_is_killed_in_mid_motion_leaves_no_torque(mit):
         assert is_gone(d.guardian)
 
 
+@pytest.mark.slow
 def test_a_program_that_is_stopped_leaves_no_torque_and_moves_nothing_when_it_goes_on(mit):
     with driving(mit) as d:
         d.program.send_signal(signal.SIGSTOP)
@@ -45,6 +47,7 @@ def test_a_program_that_is_stopped_leaves_no_torque_and_moves_nothing_when_it_go
         assert "guardian let go after 1" in d.last_line()
 
 
+@pytest.mark.slow
 def test_a_program_that_computes_instead_of_commanding_leaves_no_torque(mit):
     with driving(mit, "silent") as d:
         assert let_go(d, 1.5) < SILENCE_S + SMALL_S

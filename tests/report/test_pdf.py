@@ -80,6 +80,7 @@ def real_browser():
         return None
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(real_browser() is None, reason=f"none of {', '.join(NAMES)} is here")
 def test_a_real_browser_prints_a_sheet_of_a4_with_the_words_of_the_page(tmp_path):
     written = write_report([recording(static=stages())], tmp_path)

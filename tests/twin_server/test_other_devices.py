@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 
 from rfca_rig.bench.make import open_bench
 from rfca_rig.description.rig_file import read_rig
@@ -22,6 +23,7 @@ def rig_text() -> str:
     return f"{before}{MOTOR}\n{SENSOR}\n[twin]{devices.partition('[twin]')[2]}"
 
 
+@pytest.mark.slow
 def test_both_are_read_over_their_wires(tmp_path, monkeypatch):
     served_file, real_file = tmp_path / "served.toml", tmp_path / "real.toml"
     served_file.write_text(rig_text())

@@ -96,6 +96,7 @@ def test_the_serial_adapter_is_there_too(served):
     assert {0x01, 0x09, 0x1C} <= ids
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_the_server_with_130_and_leaves_nothing_behind():
     with serving() as server:
         ports = server.ports

@@ -92,6 +92,7 @@ def test_a_run_is_seen_with_the_peaks_of_its_recording_and_its_end(tmp_path, wat
         assert len(watched.page.locator("#leg-picture .leg").get_attribute("points").split()) == 8
 
 
+@pytest.mark.slow
 def test_the_button_stops_the_run(tmp_path, watched):
     plan = one_condition(RIG)
     with (

@@ -45,6 +45,7 @@ def test_corners_lie_where_the_board_was(found):
         assert np.sqrt(np.mean((photo.px - true_px) ** 2)) < 0.1
 
 
+@pytest.mark.slow
 def test_the_camera_is_recovered_within_its_own_uncertainty(found):
     made = calibrate(found)
     assert not made.refused
@@ -193,6 +194,7 @@ def test_a_photo_of_another_zoom_does_not_fit():
         find_plane(photo, MATRIX * np.array([[1.4], [1.4], [1.0]]), 3 * DISTORTION, BoardPlace())
 
 
+@pytest.mark.slow
 def test_the_origin_moves_to_the_pixel_of_the_shaft(found):
     made = calibrate(found)
     pose = find_plane(points(turn(6.0, -9.0, 3.0), np.array([-0.1, -0.08, 0.7])), made.matrix, made.distortion, BoardPlace())
