@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.coordinates import Coordinates
-from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.descent import unscattered
 from rfca_rig.diagnosis.detectable import not_seen
 from rfca_rig.diagnosis.evidence import evidence_of
-from rfca_rig.diagnosis.judging import judge_of
 from rfca_rig.diagnosis.nuisances import nuisances_of_drive
 from rfca_rig.diagnosis.result import NotSeen
 from rfca_rig.diagnosis.screening import choices_of, tried
@@ -41,8 +40,6 @@ def ruled_out_by_obedience(shafts: Sequence[ShaftCondition], rig: RigModel, effe
     wanted = [effect for effect in effects if effect.id not in {present.id for present in rig.effects}]
     evidence = evidence_of(shafts)
     coordinates = Coordinates(nuisances_of_drive(rig, Supposed(rig)))
-    base = Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0)))).at(
-        coordinates, np.zeros(coordinates.size)
-    )
+    base = unscattered(evidence).at(coordinates, np.zeros(coordinates.size))
     trials = [] if base is None else tried(evidence, base, [choice for effect in wanted for choice in choices_of(effect)])
     return not_seen(wanted, trials, _Obedience(shafts, rig.drive.ramp_s), rig, needed=1.0)

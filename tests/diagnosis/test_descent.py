@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.diagnosis.coordinates import Choice, Coordinates
-from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.descent import Descent, unscattered
 from rfca_rig.diagnosis.evidence import evidence_of
 from rfca_rig.diagnosis.judging import judge_of
 from rfca_rig.diagnosis.nuisances import nuisances_of
@@ -21,7 +21,7 @@ HALF = {"contact_stiffness_relative": 0.5}
 def found():
     """A soft floor fitted to a leg on one, the believed contact known to a half."""
     evidence = evidence_of(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
-    descent = Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+    descent = unscattered(evidence)
     coordinates = Coordinates(nuisances_of(RIG, KNOWN_TO | HALF, 0.0), (Choice(catalogue()["ground_compliance"]),))
     x = np.zeros(coordinates.size)
     x[-1] = -0.5

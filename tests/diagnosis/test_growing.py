@@ -7,10 +7,9 @@ import pytest
 
 from rfca_rig.diagnosis import growing
 from rfca_rig.diagnosis.coordinates import Choice, Coordinates
-from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.descent import unscattered
 from rfca_rig.diagnosis.evidence import Evidence, evidence_of
 from rfca_rig.diagnosis.growing import grown
-from rfca_rig.diagnosis.judging import judge_of
 from rfca_rig.diagnosis.nuisances import nuisances_of
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
@@ -23,7 +22,7 @@ TRUE, FAR, SOFT = (0.45, -1.27), (0.6, 1.0), (-0.5, -2.0)  # coordinates of the 
 @pytest.fixture(scope="module")
 def descent():
     evidence = evidence_of(flaps_of(recorded(replace(RIG, effects=(STOPPED,)), CONDITIONS, with_shaft=False)))
-    return Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+    return unscattered(evidence)
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from rfca_rig.diagnosis.coordinates import Choice, Coordinates
-from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.descent import Descent, unscattered
 from rfca_rig.diagnosis.evidence import evidence_of
 from rfca_rig.diagnosis.handing_over import _is_better, handed_over
-from rfca_rig.diagnosis.judging import judge_of
 from rfca_rig.diagnosis.nuisances import nuisances_of
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
@@ -20,7 +19,7 @@ SOFT = replace(RIG, effects=(present("ground_compliance", stiffness_N_per_m1p5=8
 @pytest.fixture(scope="module")
 def descent():
     evidence = evidence_of(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
-    return Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+    return unscattered(evidence)
 
 
 def begun(descent, contact_stiffness, size, effect="ground_compliance"):

@@ -7,10 +7,10 @@ import pytest
 from scipy.stats import norm
 
 from rfca_rig.diagnosis.coordinates import Choice, Coordinates
-from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.descent import unscattered
 from rfca_rig.diagnosis.evidence import evidence_of
 from rfca_rig.diagnosis.hypotheses import weighed
-from rfca_rig.diagnosis.judging import IMPLAUSIBLE, judge_of
+from rfca_rig.diagnosis.judging import IMPLAUSIBLE
 from rfca_rig.diagnosis.nuisances import nuisances_of
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, recorded
@@ -23,7 +23,7 @@ def fits_of(times_damping):
     """Nothing missing, more damping and a heavier tip, each where it fits best to a leg whose hinges are damped so many times."""
     leg = replace(RIG.leg, hinge_damping_Nm_s_per_rad=times_damping * RIG.leg.hinge_damping_Nm_s_per_rad)
     evidence = evidence_of(flaps_of(recorded(replace(RIG, leg=leg), CONDITIONS, with_shaft=False)))
-    descent = Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+    descent = unscattered(evidence)
     base = Coordinates(nuisances_of(RIG, KNOWN_TO | {"hinge_damping_relative": 0.5}, 0.0))
     fits = [descent.at(base.with_choices(choices), np.zeros(base.size + len(choices))) for choices in ((), (DAMPED,), (HEAVY,))]
     return descent, *(descent.polished(descent.descended(fitted)) for fitted in fits)

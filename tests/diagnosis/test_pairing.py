@@ -7,9 +7,9 @@ import pytest
 
 from rfca_rig.diagnosis import pairing
 from rfca_rig.diagnosis.coordinates import Choice, Coordinates
-from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.descent import unscattered
 from rfca_rig.diagnosis.evidence import evidence_of
-from rfca_rig.diagnosis.judging import STRAINED, judge_of
+from rfca_rig.diagnosis.judging import STRAINED
 from rfca_rig.diagnosis.nuisances import nuisances_of
 from rfca_rig.diagnosis.pairing import CLEARLY_NEEDED, exchanged, ids_of, paired
 from rfca_rig.diagnosis.refining import relieving_of
@@ -29,7 +29,7 @@ SLIGHT = [Choice(catalogue()[name]) for name in ("clock_offset", "gravity_tilt",
 def searched(effects, rivals=RIVALS):
     """The descent on such a leg, where nothing missing fits best, the first rival as it was first tried, and all that was tried."""
     evidence = evidence_of(flaps_of(recorded(replace(RIG, effects=effects), CONDITIONS, with_shaft=False)))
-    descent = Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+    descent = unscattered(evidence)
     coordinates = Coordinates(nuisances_of(RIG, KNOWN_TO, 0.0))
     believed = descent.at(coordinates, np.zeros(coordinates.size))
     base = descent.descended(believed)

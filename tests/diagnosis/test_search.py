@@ -8,9 +8,8 @@ import pytest
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.conventions import MOVES, held_anyhow
 from rfca_rig.diagnosis.coordinates import Choice, Coordinates
-from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.descent import Descent, unscattered
 from rfca_rig.diagnosis.evidence import evidence_of
-from rfca_rig.diagnosis.judging import judge_of
 from rfca_rig.diagnosis.nuisances import nuisances_of
 from rfca_rig.diagnosis.scatter import Scatter
 from rfca_rig.diagnosis.screening import tried
@@ -41,7 +40,7 @@ def standing_of(effects, astray):
     """The best fit of a heavier tip to a leg with these effects, and beside it nothing missing left where no descent took it."""
     flaps = flaps_of(recorded(replace(RIG, effects=effects), CONDITIONS, with_shaft=False))
     evidence = evidence_of(flaps)
-    descent = Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+    descent = unscattered(evidence)
     coordinates = Coordinates(nuisances_of(RIG, KNOWN_TO, 0.0))
     believed = descent.at(coordinates, np.zeros(coordinates.size))
     trials = tried(evidence, believed, [Choice(catalogue()["tip_mass"])])

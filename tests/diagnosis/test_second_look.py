@@ -7,9 +7,8 @@ import pytest
 from scipy.optimize import nnls
 
 from rfca_rig.diagnosis.coordinates import Choice, Coordinates
-from rfca_rig.diagnosis.descent import Descent
+from rfca_rig.diagnosis.descent import unscattered
 from rfca_rig.diagnosis.evidence import evidence_of
-from rfca_rig.diagnosis.judging import judge_of
 from rfca_rig.diagnosis.nuisances import nuisances_of
 from rfca_rig.diagnosis.pairing import no_worse_than_nested
 from rfca_rig.diagnosis.screening import Projection, Trial
@@ -35,7 +34,7 @@ RIVALS = ("tip_mass", "sensor_crosstalk", "fluid_drag", "sensor_lag", "hinge_bac
 def descent():
     flaps = flaps_of(recorded(replace(RIG, effects=(HEAVY, LEAKING)), [(205.0, 2.433), (215.0, 2.8), (220.0, 3.249)], with_shaft=False))
     evidence = evidence_of(flaps)
-    return Descent(evidence, judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+    return unscattered(evidence)
 
 
 @pytest.fixture(scope="module")
