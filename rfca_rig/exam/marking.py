@@ -26,9 +26,9 @@ def mark(cases: Path, diagnoses: Path) -> Marks:
 def wording(marks: Marks) -> Iterator[str]:
     """The marks as lines of text."""
     wide = max(map(len, ("kind", *marks.outcomes)))
-    yield f"{'kind':{wide}}" + "".join(f"  {word}" for word in OUTCOMES)
+    yield f"{'kind':{wide}}" + "".join(f" {word}" for word in OUTCOMES)
     for kind, counted in marks.outcomes.items():
-        yield f"{kind:{wide}}" + "".join(f"  {counted.get(word, 0) or '.':>{len(word)}}" for word in OUTCOMES)
+        yield f"{kind:{wide}}" + "".join(f" {counted.get(word, 0) or '.':>{len(word)}}" for word in OUTCOMES)
     yield ""
     for bar in bars(marks):
         yield from _lines(bar)

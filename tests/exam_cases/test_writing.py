@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.campaign.reading import read_campaign
+from rfca_rig.cli.lines import WIDTH
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam import cases
 from rfca_rig.exam.believed import OffBy
@@ -18,6 +19,7 @@ from rfca_rig.exam.designs import Design
 from rfca_rig.exam.experiment import stroke_traces
 from rfca_rig.exam.marking import mark, wording
 from rfca_rig.exam.rig_of import Scatter, world_of
+from rfca_rig.exam.score import score
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.exam.strangers import NAMES
 from rfca_rig.exam.write import write_cases
@@ -123,3 +125,9 @@ def test_a_folder_of_diagnoses_is_marked(tmp_path):
     assert marks.outcomes == {cases.POOR_DATA: {"right": 2}}
     text = "\n".join(wording(marks))
     assert "poor data: wrong names" in text and "0 of 2" in text
+
+
+def test_the_table_of_all_kinds_fits_a_terminal():
+    marks = replace(score([], {}), outcomes={kind: {"right": 3} for kind in cases.KINDS})
+    heading, *lines = wording(marks)
+    assert max(map(len, (heading, *lines[: len(cases.KINDS)]))) <= WIDTH
