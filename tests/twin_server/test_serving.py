@@ -16,7 +16,6 @@ from tests.cli.typed import typed
 from tests.twin_server.server import ANY_FREE, serving
 
 TICK_S = 2e-3
-STARVED_S = 0.05  # half of the drive's watchdog, which rightly trips where this process is kept waiting for as long
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +29,6 @@ class Drivers:
     clock: WallClock
     motor: OdriveMotor
     sensor: NetFtSensor
-    late_s: float = 0.0
 
     def run(self, seconds: float, speed_rad_s: float) -> tuple[list[float], list[int]]:
         """Shaft angles and record numbers, as a control loop gets them."""
@@ -38,7 +36,6 @@ class Drivers:
         end_s = due_s + seconds
         while due_s < end_s:
             self.motor.command_speed(speed_rad_s)
-            self.late_s = max(self.late_s, self.clock.now_s() - due_s)
             due_s = max(due_s + TICK_S, self.clock.now_s())
             self.clock.wait_until(due_s)
             angles += self.motor.read().angle_rad.tolist()
@@ -61,8 +58,6 @@ def test_our_own_drivers_turn_the_shaft_and_read_the_sensor_over_the_sockets(dri
     drivers.motor.enable()
     drivers.motor.read()
     angles, numbers = drivers.run(1.0, 0.5)
-    if drivers.late_s > STARVED_S:
-        pytest.skip(f"this machine kept the loop waiting for {drivers.late_s:.3f} s")
     assert drivers.motor.status().fault is None
     drivers.motor.disable()
     drivers.sensor.stop()
