@@ -15,7 +15,7 @@ from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.planning import read_plan
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.description.toml import checked, read_text
-from rfca_rig.diagnosis.next_protocol import NEXT_PROTOCOL
+from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.plan import Stage

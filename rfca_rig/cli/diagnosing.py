@@ -51,7 +51,7 @@ def diagnose(
     """
     from rfca_rig.campaign.opening import open_with_belief
     from rfca_rig.cli.printing import Printing
-    from rfca_rig.diagnosis.looked_for import check_known
+    from rfca_rig.diagnosis.candidate_effects import check_known
     from rfca_rig.errors import BadInput
     from rfca_rig.report.origin import typed
 
@@ -96,7 +96,7 @@ def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
 
 def _say_next(diagnosis: "Diagnosis", out: Path) -> None:
     """The command that does the experiment which was proposed, where the rig can do it."""
-    from rfca_rig.diagnosis.next_protocol import NEXT_PROTOCOL
+    from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL
 
     proposal = diagnosis.next_experiment
     if proposal is not None and proposal["protocol"] is not None and proposal["kind"] in ("dynamic", "static"):
@@ -147,14 +147,14 @@ def _diagnosed(recordings: "Sequence[Recording]", asked: Asked) -> "Diagnosis":
     """The diagnosis, with all its files."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.diagnose import diagnose as diagnosed
-    from rfca_rig.diagnosis.model_after import write_model_after
-    from rfca_rig.diagnosis.next_protocol import write_next_protocol
+    from rfca_rig.diagnosis.experiment_design.next_protocol import write_next_protocol
+    from rfca_rig.diagnosis.fitted_model_file import write_fitted_model
     from rfca_rig.report.diagnosis_files import write_diagnosis
     from rfca_rig.report.origin import origin_of
 
     with progress(asked.quiet) as bars:
         diagnosis = diagnosed(recordings, bars.share, asked.limits, asked.without)
     write_diagnosis(diagnosis, asked.out, origin_of(asked.command, asked.paths, recordings))
-    write_model_after(asked.out / "model.toml", diagnosis, recordings[0])
+    write_fitted_model(asked.out / "model.toml", diagnosis, recordings[0])
     write_next_protocol(asked.out, diagnosis.next_experiment)
     return diagnosis

@@ -10,20 +10,20 @@ from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.repeats import Condition, conditions_of
 from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.description.believed import believed_model
-from rfca_rig.diagnosis.conventions import likeliest_moves
-from rfca_rig.diagnosis.coordinates import Coordinates
-from rfca_rig.diagnosis.deciding import Decision, decided
-from rfca_rig.diagnosis.evidence import evidence_of
-from rfca_rig.diagnosis.hypotheses import Found
-from rfca_rig.diagnosis.looked_for import looked_for, not_looked_for
-from rfca_rig.diagnosis.nuisances import nuisances_of, nuisances_of_drive
-from rfca_rig.diagnosis.obedient_shaft import ruled_out_by_obedience
+from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
+from rfca_rig.diagnosis.data.dataset import make_dataset
+from rfca_rig.diagnosis.data.drive_tracking import excluded_by_tracking
+from rfca_rig.diagnosis.data.shaft_observations import ShaftCondition, late_s, shaft_condition, tracks_command
+from rfca_rig.diagnosis.data.stages import HOLD_S, StageTable, stage_tables
+from rfca_rig.diagnosis.data.static_history import infer_approach
+from rfca_rig.diagnosis.data.strokes import FlapCondition, flap_condition, turn_of
+from rfca_rig.diagnosis.decision.decide import Decision, decide
+from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
+from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
+from rfca_rig.diagnosis.inference.nuisances import nuisances_of, nuisances_of_drive
+from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
-from rfca_rig.diagnosis.search import Progress, searched
-from rfca_rig.diagnosis.stages import HOLD_S, StageTable, stage_tables
-from rfca_rig.diagnosis.strokes import FlapCondition, flap_condition, turn_of
-from rfca_rig.diagnosis.summing_up import summed_up
-from rfca_rig.diagnosis.turns import ShaftCondition, late_s, obeys, shaft_condition
+from rfca_rig.diagnosis.result_builder import build_result
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import Effect
@@ -40,7 +40,7 @@ SEEN_ON_THE_SHAFT = ("motor_speed_droop", "motor_speed_ripple")
 
 
 @dataclass(frozen=True)
-class Body:
+class PreparedData:
     """All that a diagnosis rests on: the model as believed, how well its values are known, and the recordings cut into conditions.
 
     `as_commanded` says whether every shaft did what it was told, at once or later.
@@ -53,17 +53,17 @@ class Body:
     flaps: tuple[FlapCondition, ...]
     shafts: tuple[ShaftCondition, ...]
     as_commanded: bool
-    coordinates: Coordinates
+    coordinates: Parameterization
     remarks: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Verdicts:
+class Findings:
     """What was found in the forces, and in the shaft's own motion where it was recorded and is not as commanded."""
 
-    leg: Found
+    leg: ModelSelectionResult
     leg_decision: Decision
-    drive: Found | None
+    drive: ModelSelectionResult | None
     drive_decision: Decision | None
 
 
@@ -77,23 +77,26 @@ def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits
     """
     progress("reading", 0.0)
     body, tables = _body(recordings)
-    evidence = evidence_of([*body.flaps, *tables])
-    effects, of_drive = looked_for(_candidates(body), without), looked_for(map(catalogue().__getitem__, SEEN_ON_THE_SHAFT), without)
-    leg = searched(evidence, body.coordinates, effects, progress, body.as_commanded)
+    evidence = make_dataset([*body.flaps, *tables])
+    effects, of_drive = (
+        select_candidates(_candidates(body), without),
+        select_candidates(map(catalogue().__getitem__, SEEN_ON_THE_SHAFT), without),
+    )
+    leg = search_models(evidence, body.coordinates, effects, progress, body.as_commanded)
     drive = drive_found(body, leg, of_drive, progress) if not body.as_commanded else None
-    verdicts = Verdicts(leg, decided(leg, len(effects)), drive, None if drive is None else decided(drive, len(of_drive)))
+    verdicts = Findings(leg, decide(leg, len(effects)), drive, None if drive is None else decide(drive, len(of_drive)))
     progress("summing up", 0.97)
-    found = summed_up(body, verdicts, effects, limits)
+    found = build_result(body, verdicts, effects, limits)
     if drive is None and body.shafts:
-        found = replace(found, not_seen=(*found.not_seen, *ruled_out_by_obedience(body.shafts, body.rig, of_drive)))
-    return replace(found, recordings=tuple(map(_named, recordings)), remarks=(*found.remarks, *not_looked_for(without)))
+        found = replace(found, not_seen=(*found.not_seen, *excluded_by_tracking(body.shafts, body.rig, of_drive)))
+    return replace(found, recordings=tuple(map(_named, recordings)), remarks=(*found.remarks, *describe_exclusions(without)))
 
 
 def _named(recording: Recording) -> Diagnosed:
     return Diagnosed(recording.title, recording.source, identity_of(recording.title, recording.source, recording.provenance))
 
 
-def _body(recordings: Sequence[Recording]) -> tuple[Body, tuple[StageTable, ...]]:
+def _body(recordings: Sequence[Recording]) -> tuple[PreparedData, tuple[StageTable, ...]]:
     first = recordings[0]
     for other in recordings[1:]:
         if other.believed != first.believed or other.known_to != first.known_to:
@@ -105,19 +108,19 @@ def _body(recordings: Sequence[Recording]) -> tuple[Body, tuple[StageTable, ...]
     remarks = tuple(f"left out: {flap.reason}" for flap in probed if isinstance(flap, Refused))
     usable = [(c, f) for c, f in zip(conditions, probed, strict=True) if not isinstance(f, Refused)]
     shafts = tuple(s for c, f in usable if (s := shaft_condition(c, float(f.t_s[-1]), rig.drive.ramp_s)) is not None)
-    as_commanded = all(obeys(shaft, rig.drive.ramp_s) for shaft in shafts)
+    as_commanded = all(tracks_command(shaft, rig.drive.ramp_s) for shaft in shafts)
     late = {shaft.label: max(late_s(shaft, rig.drive.ramp_s), 0.0) for shaft in shafts}
     flaps = tuple(replace(flap, turn=turn_of(condition, not as_commanded, late.get(flap.label, 0.0))) for condition, flap in usable)
     known_to = {key: float(value) for key, value in first.known_to.items() if value is not None}
     before_s = _before_start_s(condition for condition, _ in usable)
-    coordinates = Coordinates(nuisances_of(rig, known_to, before_s))
+    coordinates = Parameterization(nuisances_of(rig, known_to, before_s))
     stages = [stage for recording in recordings for stage in recording.static]
     tables = stage_tables(stages, noise_std, StageMoves(1.0, 0.005, HOLD_S))
     if tables:
-        moves = likeliest_moves(tables, coordinates, np.zeros(coordinates.size))
+        moves = infer_approach(tables, coordinates, np.zeros(coordinates.size))
         tables = tuple(replace(table, moves=moves) for table in tables)
     title = "; ".join(recording.title for recording in recordings)
-    return Body(title, rig, known_to, noise_std, flaps, shafts, as_commanded, coordinates, remarks), tables
+    return PreparedData(title, rig, known_to, noise_std, flaps, shafts, as_commanded, coordinates, remarks), tables
 
 
 def _before_start_s(conditions: Iterable[Condition]) -> float:
@@ -130,7 +133,7 @@ def _first_s(stroke: Stroke) -> float:
     return min(float(stream.t_s[0]) for stream in stroke.streams.values())
 
 
-def _candidates(body: Body) -> list[Effect]:
+def _candidates(body: PreparedData) -> list[Effect]:
     """What may be missing from the leg and its surroundings; a drive whose shaft was recorded is judged by that."""
     believed = {present.id for present in body.rig.effects}
     judged_apart = SEEN_ON_THE_SHAFT if body.shafts else ()
@@ -138,7 +141,7 @@ def _candidates(body: Body) -> list[Effect]:
     return [effect for effect in known if effect.id not in believed and effect.id not in judged_apart]
 
 
-def drive_found(body: Body, leg: Found, effects: Sequence[Effect], progress: Progress) -> Found:
+def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence[Effect], progress: Progress) -> ModelSelectionResult:
     """The same search for the shaft's own motion, the leg as the best hypothesis has it; both ways in which a soft drive may start.
 
     None of those that have a soft drive already, beside which the model has no place for another.
@@ -146,12 +149,14 @@ def drive_found(body: Body, leg: Found, effects: Sequence[Effect], progress: Pro
     stiff = [h for h in leg.named if all(choice.effect.where != "drive" for choice in h.fitted.coordinates.choices)]
     best = max((leg.nothing, *stiff), key=lambda hypothesis: hypothesis.log_joint)
     supposed = best.fitted.coordinates.supposed(best.fitted.x)
-    evidence = evidence_of(body.shafts)
+    evidence = make_dataset(body.shafts)
     found = []
     for holds_start in (False, True):
         rig = replace(supposed.rig, drive=replace(supposed.rig.drive, holds_start=holds_start))
         space = nuisances_of_drive(rig, replace(supposed, rig=rig, turn_offset_rad=0.0))
         found.append(
-            searched(evidence, Coordinates(space), effects, lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share))
+            search_models(
+                evidence, Parameterization(space), effects, lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share)
+            )
         )
     return max(found, key=lambda one: max((h.log_joint for h in one.named), default=-np.inf))

@@ -10,18 +10,18 @@ from rfca_rig.analysis.counterpart import GRID_S, LONGER
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.valley import Valley, find_valley
-from rfca_rig.diagnosis.hypotheses import Found, Hypothesis
-from rfca_rig.diagnosis.leaving_out import foretold_apart
+from rfca_rig.diagnosis.data.observations import rms
+from rfca_rig.diagnosis.data.strokes import BOUNDED, FORCES, FlapCondition
+from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
+from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
 from rfca_rig.diagnosis.result import BeforeAfter, Overlay
-from rfca_rig.diagnosis.rows import rms
-from rfca_rig.diagnosis.strokes import BOUNDED, FORCES, FlapCondition
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.stroke import stroke_following
 
 Floats = NDArray[np.float64]
 
 
-def before_and_after(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
+def before_and_after(found: ModelSelectionResult, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
     """Rms of strokes against the model as believed and as accepted, per signal, and what noise and scatter leave of it."""
     rows = found.evidence.rows
     after = accepted.rows
@@ -36,14 +36,14 @@ def before_and_after(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeA
     return figures
 
 
-def held_out(found: Found, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
+def held_out(found: ModelSelectionResult, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
     """The same on conditions that were left out in turn: all unknowns fitted to the others, without and with the effect."""
     rows = found.evidence.rows
     dynamic = sorted({int(c) for c in rows.condition[rows.experiment == "dynamic"]})
     if len(dynamic) < 2:
         return {}
     before, after = (
-        foretold_apart(hypothesis.fitted.linear(rows.measured), found.judge.usual, rows.condition, dynamic)
+        loo_residuals(hypothesis.fitted.linear(rows.measured), found.judge.usual, rows.condition, dynamic)
         for hypothesis in (found.nothing, accepted)
     )
     floor = np.sqrt(rows.noise**2 + (found.scatter.columns**2).sum(axis=1))
@@ -96,7 +96,7 @@ def _error(pairs: Sequence[tuple[float, float]]) -> float:
     return float(np.mean([100.0 * abs(simulated - measured) / abs(measured) for simulated, measured in pairs]))
 
 
-def overlays(found: Found, accepted: Hypothesis) -> tuple[Overlay, ...]:
+def overlays(found: ModelSelectionResult, accepted: Hypothesis) -> tuple[Overlay, ...]:
     """Measured means with both models, condition by condition and signal by signal."""
     rows = found.evidence.rows
     after = accepted.rows

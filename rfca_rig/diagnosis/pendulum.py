@@ -6,16 +6,16 @@ from dataclasses import replace
 from rfca_rig.analysis.swings import SwingProblem, swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.crew.cores import algebra_on_one_thread
-from rfca_rig.diagnosis.coordinates import Coordinates
-from rfca_rig.diagnosis.deciding import decided
-from rfca_rig.diagnosis.evidence import evidence_of
-from rfca_rig.diagnosis.hypotheses import Found
-from rfca_rig.diagnosis.looked_for import looked_for, not_looked_for
-from rfca_rig.diagnosis.pendulum_nuisances import space_of_pendulum
-from rfca_rig.diagnosis.pendulum_parts import BIN_S, WINDOW_S, stretches_of
-from rfca_rig.diagnosis.pendulum_summary import summed_up
+from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
+from rfca_rig.diagnosis.data.dataset import make_dataset
+from rfca_rig.diagnosis.data.pendulum_windows import BIN_S, WINDOW_S, stretches_of
+from rfca_rig.diagnosis.decision.decide import decide
+from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
+from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
+from rfca_rig.diagnosis.inference.parameterization import Parameterization
+from rfca_rig.diagnosis.inference.pendulum_nuisances import space_of_pendulum
+from rfca_rig.diagnosis.pendulum_result import build_result
 from rfca_rig.diagnosis.result import Diagnosis
-from rfca_rig.diagnosis.search import Progress, searched
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import Effect
 
@@ -32,17 +32,17 @@ def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: C
     """
     progress("reading", 0.0)
     problem = swings_of(campaign, WINDOW_S, BIN_S)
-    found, effects = found_in(problem, progress, without)
+    found, effects = search_pendulum(problem, progress, without)
     progress("summing up", 0.97)
-    diagnosis = summed_up(campaign, found, decided(found, len(effects)), effects)
-    return replace(diagnosis, remarks=(*diagnosis.remarks, *not_looked_for(without)))
+    diagnosis = build_result(campaign, found, decide(found, len(effects)), effects)
+    return replace(diagnosis, remarks=(*diagnosis.remarks, *describe_exclusions(without)))
 
 
-def found_in(problem: SwingProblem, progress: Progress, without: Collection[str] = ()) -> tuple[Found, list[Effect]]:
+def search_pendulum(problem: SwingProblem, progress: Progress, without: Collection[str] = ()) -> tuple[ModelSelectionResult, list[Effect]]:
     """The search over all effects that a pendulum may lack, and those effects."""
-    effects = looked_for(_candidates(problem), without)
-    coordinates = Coordinates(space_of_pendulum(problem.pendulum, problem.nuisances))
-    return searched(evidence_of(stretches_of(problem)), coordinates, effects, progress), effects
+    effects = select_candidates(_candidates(problem), without)
+    coordinates = Parameterization(space_of_pendulum(problem.pendulum, problem.nuisances))
+    return search_models(make_dataset(stretches_of(problem)), coordinates, effects, progress), effects
 
 
 def _candidates(problem: SwingProblem) -> list[Effect]:

@@ -10,18 +10,18 @@ import numpy as np
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.description.rig_file import read_rig
-from rfca_rig.diagnosis.coordinates import Choice, Coordinates
-from rfca_rig.diagnosis.deciding import Decision
-from rfca_rig.diagnosis.descent import Descent
-from rfca_rig.diagnosis.diagnose import Body, Verdicts
-from rfca_rig.diagnosis.evidence import evidence_of
-from rfca_rig.diagnosis.hypotheses import Found, Hypothesis
-from rfca_rig.diagnosis.judging import judge_of
-from rfca_rig.diagnosis.nuisances import nuisances_of
+from rfca_rig.diagnosis.data.dataset import make_dataset
+from rfca_rig.diagnosis.data.stages import stage_tables
+from rfca_rig.diagnosis.data.strokes import FlapCondition, flap_condition, turn_of
+from rfca_rig.diagnosis.decision.decide import Decision
+from rfca_rig.diagnosis.diagnose import Findings, PreparedData
+from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
+from rfca_rig.diagnosis.inference.map_fit import GaussNewton
+from rfca_rig.diagnosis.inference.nuisances import nuisances_of
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
+from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter
 from rfca_rig.diagnosis.result import NamedEffect
-from rfca_rig.diagnosis.scatter import Scatter
-from rfca_rig.diagnosis.stages import stage_tables
-from rfca_rig.diagnosis.strokes import FlapCondition, flap_condition, turn_of
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.static_stages import StageMoves
@@ -64,55 +64,59 @@ def present(effect: str, **values: float) -> PresentEffect:
     return PresentEffect(effect, tuple(values.items()))
 
 
-def found_among(parts, rivals: Sequence[str], known_to=KNOWN_TO, rig: RigModel = RIG) -> Found:
+def found_among(parts, rivals: Sequence[str], known_to=KNOWN_TO, rig: RigModel = RIG) -> ModelSelectionResult:
     """What a search over these effects alone would leave, "" for nothing missing, all equally likely before."""
-    evidence, coordinates = evidence_of(parts), Coordinates(nuisances_of(rig, known_to, 0.0))
-    judge = judge_of(evidence.rows, np.empty((len(evidence.rows.measured), 0)))
-    descent = Descent(evidence, judge)
+    evidence, coordinates = make_dataset(parts), Parameterization(nuisances_of(rig, known_to, 0.0))
+    judge = make_marginal_likelihood(evidence.rows, np.empty((len(evidence.rows.measured), 0)))
+    descent = GaussNewton(evidence, judge)
     base = descent.at(coordinates, np.zeros(coordinates.size))
     assert base is not None
-    base = descent.polished(descent.descended(base))
+    base = descent.converge(descent.refine(base))
     named = [_hypothesis(descent, base, name) for name in rivals if name]
-    nothing = Hypothesis((), base, judge.judged(base.linear(evidence.rows.measured)), 0.0)
+    nothing = Hypothesis((), base, judge.evaluate(base.linear(evidence.rows.measured)), 0.0)
     ranked = tuple(sorted(named, key=lambda h: -h.log_joint))
-    unknown = judge.judged_unknown(base.linear(evidence.rows.measured))
-    return Found(base, nothing, unknown, ranked, (), Scatter(STD, np.empty((len(evidence.rows.measured), 0))), judge, evidence)
+    unknown = judge.evaluate_unknown(base.linear(evidence.rows.measured))
+    return ModelSelectionResult(
+        base, nothing, unknown, ranked, (), Scatter(STD, np.empty((len(evidence.rows.measured), 0))), judge, evidence
+    )
 
 
-def _hypothesis(descent: Descent, base, name: str) -> Hypothesis:
-    choice = Choice(catalogue()[name])
-    wider = base.coordinates.with_choices((choice,))
+def _hypothesis(descent: GaussNewton, base, name: str) -> Hypothesis:
+    choice = EffectTerm(catalogue()[name])
+    wider = base.coordinates.with_terms((choice,))
     ends = []
     for z in (-0.8, 0.3):
-        start = descent.at(wider, np.append(base.x, np.full(len(choice.free), z)), base.slope)
+        start = descent.at(wider, np.append(base.x, np.full(len(choice.free), z)), base.jacobian)
         if start is not None:
-            ends.append(descent.polished(descent.descended(start)))
-    judged = [(descent.judge.judged(end.linear(descent.evidence.rows.measured)), end) for end in ends]
-    judgement, best = max(judged, key=lambda pair: pair[0].log_evidence)
+            ends.append(descent.converge(descent.refine(start)))
+    evaluate = [(descent.judge.evaluate(end.linear(descent.evidence.rows.measured)), end) for end in ends]
+    judgement, best = max(evaluate, key=lambda pair: pair[0].log_evidence)
     return Hypothesis((name,), best, judgement, 0.0)
 
 
-def named(found: Found, *others: str) -> Decision:
+def named(found: ModelSelectionResult, *others: str) -> Decision:
     """The likeliest is accepted, and these cannot be told from it."""
     best = found.named[0]
     effect = NamedEffect(best.ids[0], "", 0.95, {}, tuple(others), "")
     return Decision("named", best, (effect,), (), (), None, 0.0)
 
 
-def undecided(found: Found) -> Decision:
+def undecided(found: ModelSelectionResult) -> Decision:
     return Decision("unexplained", found.nothing, (), (), (), found.named[0] if found.named else None, 0.0)
 
 
-def nothing_missing(found: Found, probability: float = 0.99) -> Decision:
+def nothing_missing(found: ModelSelectionResult, probability: float = 0.99) -> Decision:
     return Decision("nothing missing", found.nothing, (), (), (), None, probability)
 
 
-def body_of(flaps, found: Found, shafts=()) -> Body:
-    return Body("by hand", RIG, KNOWN_TO, NOISE, tuple(flaps), tuple(shafts), not shafts, found.nothing.fitted.coordinates, ())
+def body_of(flaps, found: ModelSelectionResult, shafts=()) -> PreparedData:
+    return PreparedData("by hand", RIG, KNOWN_TO, NOISE, tuple(flaps), tuple(shafts), not shafts, found.nothing.fitted.coordinates, ())
 
 
-def verdicts_of(leg: Found, decision: Decision, drive: Found | None = None, drive_decision: Decision | None = None) -> Verdicts:
-    return Verdicts(leg, decision, drive, drive_decision)
+def verdicts_of(
+    leg: ModelSelectionResult, decision: Decision, drive: ModelSelectionResult | None = None, drive_decision: Decision | None = None
+) -> Findings:
+    return Findings(leg, decision, drive, drive_decision)
 
 
 def read_at_rest(supposed: Supposed, moves: StageMoves, turned_deg: Sequence[float]) -> list[StaticStage]:

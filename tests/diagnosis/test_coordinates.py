@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rfca_rig.analysis.fitting.parameters import Supposed, space_of
-from rfca_rig.diagnosis.coordinates import Choice, Coordinates, coordinate_of, std_of, value_of
-from rfca_rig.diagnosis.screening import choices_of
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization, coordinate_of, std_of, value_of
+from rfca_rig.diagnosis.inference.screening import terms_of
 from rfca_rig.model.catalogue import catalogue
 from tests.model.legs import PAPER
 
@@ -32,7 +32,7 @@ def test_most_of_the_prior_of_a_scale_lies_within_its_plausible_bounds():
 def test_effects_are_supposed_beside_nuisances_in_the_order_of_the_coordinates():
     space = space_of(["k0", "friction"], Supposed(PAPER), {"k0_relative": 0.03, "friction_coefficient": 0.05})
     stop, tilt = catalogue()["hinge_stop"], catalogue()["ground_tilt"]
-    coordinates = Coordinates(space, (Choice(stop), Choice(tilt)))
+    coordinates = Parameterization(space, (EffectTerm(stop), EffectTerm(tilt)))
     assert coordinates.size == 5
     assert [coordinates.part(i) for i in range(2)] == [slice(2, 4), slice(4, 5)]
     supposed = coordinates.supposed(np.array([1.0, 0.0, 0.5, -0.5, 2.0]))
@@ -42,5 +42,5 @@ def test_effects_are_supposed_beside_nuisances_in_the_order_of_the_coordinates()
 
 
 def test_an_effect_that_counts_something_is_tried_for_each_count():
-    assert [dict(choice.whole)["hinge"] for choice in choices_of(catalogue()["damaged_hinge"])] == [2, 3, 4, 5, 6, 7]
-    assert choices_of(catalogue()["tip_mass"]) == (Choice(catalogue()["tip_mass"]),)
+    assert [dict(choice.whole)["hinge"] for choice in terms_of(catalogue()["damaged_hinge"])] == [2, 3, 4, 5, 6, 7]
+    assert terms_of(catalogue()["tip_mass"]) == (EffectTerm(catalogue()["tip_mass"]),)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.diagnosis import deciding
-from rfca_rig.diagnosis.judging import GOOD_FIT
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import GOOD_FIT
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, recorded
 
 FITS, FITS_NOT = 0.5 * GOOD_FIT, 1.5 * GOOD_FIT

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.coordinates import Choice, Coordinates
-from rfca_rig.diagnosis.descent import Descent, unscattered
-from rfca_rig.diagnosis.evidence import evidence_of
-from rfca_rig.diagnosis.judging import judge_of
-from rfca_rig.diagnosis.nuisances import nuisances_of
+from rfca_rig.diagnosis.data.dataset import make_dataset
+from rfca_rig.diagnosis.inference.map_fit import GaussNewton, without_scatter
+from rfca_rig.diagnosis.inference.nuisances import nuisances_of
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
 
@@ -20,14 +20,14 @@ HALF = {"contact_stiffness_relative": 0.5}
 @pytest.fixture(scope="module")
 def found():
     """A soft floor fitted to a leg on one, the believed contact known to a half."""
-    evidence = evidence_of(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
-    descent = unscattered(evidence)
-    coordinates = Coordinates(nuisances_of(RIG, KNOWN_TO | HALF, 0.0), (Choice(catalogue()["ground_compliance"]),))
+    evidence = make_dataset(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
+    descent = without_scatter(evidence)
+    coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO | HALF, 0.0), (EffectTerm(catalogue()["ground_compliance"]),))
     x = np.zeros(coordinates.size)
     x[-1] = -0.5
     begun = descent.at(coordinates, x)
     assert begun is not None
-    return descent, descent.polished(descent.descended(begun))
+    return descent, descent.converge(descent.refine(begun))
 
 
 def test_only_how_well_the_contact_is_known_says_how_soft_the_floor_is(found):
@@ -35,7 +35,7 @@ def test_only_how_well_the_contact_is_known_says_how_soft_the_floor_is(found):
     0.5 (20000 / k_contact)^(2/3) in the floor.
     """
     descent, best = found
-    posterior = descent.judged(best).posterior
+    posterior = descent.evaluate(best).posterior
     contact = best.coordinates.space.names.index("contact_stiffness")
     assert np.sqrt(posterior.covariance[contact, contact]) == pytest.approx(1.0, abs=0.1)
     up, down = (best.x + sign * np.sqrt(posterior.covariance[-1, -1]) * (np.arange(len(best.x)) == len(best.x) - 1) for sign in (1.0, -1.0))
@@ -48,7 +48,7 @@ def test_slopes_that_are_learnt_on_the_way_stay_alike(found):
     descent, best = found
     contact = best.coordinates.space.names.index("contact_stiffness")
     aside = best.predicted + np.random.default_rng(1).normal(size=len(best.predicted))
-    learnt = descent._learnt(best, best.x + 0.1, aside).slope
+    learnt = descent._learnt(best, best.x + 0.1, aside).jacobian
     cosine = learnt[:, contact] @ learnt[:, -1] / (np.linalg.norm(learnt[:, contact]) * np.linalg.norm(learnt[:, -1]))
     assert abs(cosine) == pytest.approx(1.0, abs=1e-9)
 
@@ -56,6 +56,6 @@ def test_slopes_that_are_learnt_on_the_way_stay_alike(found):
 def test_a_fit_is_judged_once_by_each_that_judges(found):
     """Searches order by log evidence again and again."""
     descent, best = found
-    assert descent.judged(best) is descent.judged(best)
-    other = Descent(descent.evidence, judge_of(descent.evidence.rows, np.ones((len(best.predicted), 1))))
+    assert descent.evaluate(best) is descent.evaluate(best)
+    other = GaussNewton(descent.evidence, make_marginal_likelihood(descent.evidence.rows, np.ones((len(best.predicted), 1))))
     assert other.log_evidence(best) != descent.log_evidence(best) != descent.log_evidence(replace(best, predicted=best.predicted + 1.0))

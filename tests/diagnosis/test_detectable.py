@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.repeats import conditions_of
-from rfca_rig.diagnosis.coordinates import Choice, coordinate_of
-from rfca_rig.diagnosis.detectable import _threshold, not_seen
-from rfca_rig.diagnosis.locating import _holm
-from rfca_rig.diagnosis.obedient_shaft import ruled_out_by_obedience
-from rfca_rig.diagnosis.screening import Trial
-from rfca_rig.diagnosis.turns import disobedience, shaft_condition
+from rfca_rig.diagnosis.data.drive_tracking import excluded_by_tracking
+from rfca_rig.diagnosis.data.shaft_observations import shaft_condition, tracking_error
+from rfca_rig.diagnosis.decision.detection_limits import _threshold, find_detection_limits
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, coordinate_of
+from rfca_rig.diagnosis.inference.screening import EffectProbe
+from rfca_rig.diagnosis.residual_force.mismatch_map import _holm
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import RIG, late, present, recorded
 
@@ -45,12 +45,13 @@ class Given:
 
 def would_have_seen(effect, powers):
     """At these sizes of its first parameter, all else at its middle."""
-    choice = Choice(catalogue()[effect])
+    choice = EffectTerm(catalogue()[effect])
     size, *others = choice.free
     trials = [
-        Trial(choice, np.array([coordinate_of(size, value), *(0.0 for _ in others)]), np.array([power])) for value, power in powers.items()
+        EffectProbe(choice, np.array([coordinate_of(size, value), *(0.0 for _ in others)]), np.array([power]))
+        for value, power in powers.items()
     ]
-    return not_seen([choice.effect], trials, Given(), RIG, needed=16.0)[0].would_have_seen
+    return find_detection_limits([choice.effect], trials, Given(), RIG, needed=16.0)[0].would_have_seen
 
 
 def test_a_stop_that_no_hinge_reaches_is_not_ruled_out():
@@ -71,12 +72,12 @@ def shafts_of(rig):
 
 def disobeyed(effect, **values):
     shafts = shafts_of(replace(RIG, effects=(present(effect, **values),)))
-    return max(disobedience(shaft, RIG.drive.ramp_s) for shaft in shafts)
+    return max(tracking_error(shaft, RIG.drive.ramp_s) for shaft in shafts)
 
 
 def test_an_obedient_shaft_rules_out_drives_that_would_have_moved_it_otherwise():
     drives = [catalogue()[name] for name in ("motor_speed_droop", "motor_speed_ripple")]
-    soft, rippling = (one.would_have_seen for one in ruled_out_by_obedience(shafts_of(RIG), RIG, drives))
+    soft, rippling = (one.would_have_seen for one in excluded_by_tracking(shafts_of(RIG), RIG, drives))
     assert soft == {"kp_Nm_s_per_rad": 200.0}  # the stiffest that is plausible, and even that
     assert disobeyed("motor_speed_droop", kp_Nm_s_per_rad=200.0, ki_Nm_per_rad=70.7) > 2.0
     (amplitude,) = rippling.values()
@@ -85,12 +86,12 @@ def test_an_obedient_shaft_rules_out_drives_that_would_have_moved_it_otherwise()
 
 def test_a_drive_that_the_rig_is_believed_to_have_is_not_ruled_out():
     soft = replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=8.0, ki_Nm_per_rad=60.0),))
-    assert ruled_out_by_obedience(shafts_of(RIG), soft, [catalogue()["motor_speed_droop"]]) == ()
+    assert excluded_by_tracking(shafts_of(RIG), soft, [catalogue()["motor_speed_droop"]]) == ()
 
 
 def test_a_shaft_that_is_late_disobeys_as_little_as_one_that_is_not():
     (condition,) = conditions_of([late(stroke, 2.5e-3) for stroke in recorded(RIG, [(205.0, 2.433)])])
-    assert disobedience(shaft_condition(condition, 1.2, RIG.drive.ramp_s), RIG.drive.ramp_s) < 0.2
+    assert tracking_error(shaft_condition(condition, 1.2, RIG.drive.ramp_s), RIG.drive.ramp_s) < 0.2
 
 
 def test_holm_multiplies_the_smallest_chance_by_all_and_never_falls():

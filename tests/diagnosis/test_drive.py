@@ -6,14 +6,14 @@ import pytest
 
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.repeats import conditions_of
-from rfca_rig.diagnosis.deciding import decided
+from rfca_rig.diagnosis.data.observations import rms
+from rfca_rig.diagnosis.data.shaft_observations import late_s, shaft_condition, tracks_command, turns_as_commanded
+from rfca_rig.diagnosis.data.strokes import turn_of
+from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.diagnose import SEEN_ON_THE_SHAFT, drive_found
-from rfca_rig.diagnosis.hypotheses import Found
+from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.result import Gate
-from rfca_rig.diagnosis.rows import rms
-from rfca_rig.diagnosis.strokes import turn_of
-from rfca_rig.diagnosis.summing_up import _gates, _late, _sentence
-from rfca_rig.diagnosis.turns import late_s, obeys, shaft_condition, turns_as_commanded
+from rfca_rig.diagnosis.result_builder import _gates, _late, _sentence
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import RigModel
 from tests.diagnosis.by_hand import (
@@ -52,7 +52,7 @@ def shafts_of(strokes, flaps):
     return [shaft_condition(c, float(f.t_s[-1]), RIG.drive.ramp_s) for c, f in zip(conditions_of(strokes), flaps, strict=True)]
 
 
-def found_late(rig: RigModel) -> tuple[Found, Found]:
+def found_late(rig: RigModel) -> tuple[ModelSelectionResult, ModelSelectionResult]:
     """What is found in the leg and in the drive where all of the rig does everything 3 ms after it was told to."""
     strokes = [late(stroke, LATE_S) for stroke in recorded(rig, THREE)]
     flaps = [replace(f, turn=turn_of(c, True)) for c, f in zip(conditions_of(strokes), flaps_of(strokes), strict=True)]
@@ -62,7 +62,7 @@ def found_late(rig: RigModel) -> tuple[Found, Found]:
 
 def test_a_drive_that_is_late_lacks_nothing_and_is_told_to_be_late():
     leg, drive = found_late(RIG)
-    decision = decided(drive, len(EFFECTS))
+    decision = decide(drive, len(EFFECTS))
     assert decision.verdict == "nothing missing"
     body = replace(body_of(drive.evidence.parts, leg, drive.evidence.parts), as_commanded=False)
     (said,) = _late(body, verdicts_of(leg, nothing_missing(leg), drive, decision))
@@ -73,7 +73,7 @@ def test_a_shaft_that_is_only_late_is_no_case_for_the_drive():
     strokes = [late(stroke, LATE_S) for stroke in recorded(RIG, THREE[:1])]
     (shaft,) = shafts_of(strokes, flaps_of(strokes))
     assert not turns_as_commanded(shaft)
-    assert obeys(shaft, RIG.drive.ramp_s)
+    assert tracks_command(shaft, RIG.drive.ramp_s)
     assert late_s(shaft, RIG.drive.ramp_s) == pytest.approx(3e-3, rel=0.01)
 
 
@@ -82,7 +82,7 @@ def test_a_leg_behind_a_late_shaft_that_obeys_turns_by_its_command():
     strokes = [late(stroke, LATE_S) for stroke in recorded(RIG, THREE, encoder_rad=3e-4)]
     conditions, flaps = conditions_of(strokes), flaps_of(strokes)
     shafts = shafts_of(strokes, flaps)
-    assert all(obeys(shaft, RIG.drive.ramp_s) for shaft in shafts)
+    assert all(tracks_command(shaft, RIG.drive.ramp_s) for shaft in shafts)
 
     def missed(turns):
         behind = [replace(f, turn=turn) for f, turn in zip(flaps, turns, strict=True)]
@@ -97,14 +97,14 @@ def test_a_leg_behind_a_late_shaft_that_obeys_turns_by_its_command():
 def test_a_shaft_that_sags_is_not_only_late():
     strokes = recorded(replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=30.0, ki_Nm_per_rad=500.0),)), THREE[:1])
     (shaft,) = shafts_of(strokes, flaps_of(strokes))
-    assert not obeys(shaft, RIG.drive.ramp_s)
+    assert not tracks_command(shaft, RIG.drive.ramp_s)
 
 
 @pytest.mark.slow
 def test_a_drive_that_sags_and_is_late_is_given_its_own_gains():
     """A command that comes late is made up for by the integral alone, as a smaller proportional gain would have it."""
     _, drive = found_late(replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=8.0, ki_Nm_per_rad=60.0),)))
-    decision = decided(drive, len(EFFECTS))
+    decision = decide(drive, len(EFFECTS))
     (effect,) = decision.effects
     assert effect.id == "motor_speed_droop"
     assert effect.parameters["kp_Nm_s_per_rad"].value == pytest.approx(8.0, rel=0.04)

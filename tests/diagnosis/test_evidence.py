@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.diagnosis.conventions import MOVES
-from rfca_rig.diagnosis.evidence import evidence_of
-from rfca_rig.diagnosis.stages import stage_tables
+from rfca_rig.diagnosis.data.dataset import make_dataset
+from rfca_rig.diagnosis.data.stages import stage_tables
+from rfca_rig.diagnosis.data.static_history import MOVES
 from rfca_rig.model.parameters import Swing
 from tests.diagnosis.by_hand import RIG, flaps_of, present, read_at_rest, recorded
 
@@ -21,7 +21,7 @@ def evidence():
     """Two strokes and a table."""
     strokes = recorded(RIG, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)
     tables = stage_tables(read_at_rest(Supposed(RIG), MOVES[0], (60.0, 90.0, 120.0)), {}, MOVES[0])
-    return evidence_of([*flaps_of(strokes), *tables])
+    return make_dataset([*flaps_of(strokes), *tables])
 
 
 def test_the_answer_to_one_question_has_the_conditions_in_their_order(evidence):

@@ -9,14 +9,14 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import StrokePhases
 from rfca_rig.analysis.valley import Valley
 from rfca_rig.campaign.reading import read_campaign
+from rfca_rig.diagnosis.data.dataset import make_dataset
+from rfca_rig.diagnosis.data.strokes import FlapCondition, Turn
 from rfca_rig.diagnosis.diagnose import _body
-from rfca_rig.diagnosis.evidence import evidence_of
-from rfca_rig.diagnosis.forced import AT_REST_S, Bumps, bump_in_turn, forced_stroke, tick, torque
-from rfca_rig.diagnosis.free_form import free_form
-from rfca_rig.diagnosis.hinge_series import SERIES, SURE_OF_SIGN_RAD_S, series
-from rfca_rig.diagnosis.places import places_of, standings
-from rfca_rig.diagnosis.search import searched
-from rfca_rig.diagnosis.strokes import FlapCondition, Turn
+from rfca_rig.diagnosis.inference.model_selection import search_models
+from rfca_rig.diagnosis.residual_force.force_inputs import nominal_conditions, places_of
+from rfca_rig.diagnosis.residual_force.free_form import free_form
+from rfca_rig.diagnosis.residual_force.hinge_series import SERIES, SURE_OF_SIGN_RAD_S, series
+from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, SplineBasis, bump_in_turn, forced_stroke, tick, torque
 from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import NOTHING, drawn_cases
 from rfca_rig.exam.designs import Design
@@ -25,7 +25,7 @@ from rfca_rig.model.parameters import GRAVITY_M_S2, PresentEffect
 from tests.model.legs import PAPER
 
 SHORT = Design(tuple((height, speed) for height in (195.0, 215.0) for speed in (2.2, 3.0)), 2, ())
-BUMPS = Bumps(0.03, 8)
+BUMPS = SplineBasis(0.03, 8)
 
 
 def told(folder, strangers):
@@ -33,7 +33,7 @@ def told(folder, strangers):
     (case,) = drawn_cases(7, {NOTHING: 1})
     write_campaign(replace(case, design=SHORT, strangers=strangers), folder / "campaign")
     body, _ = _body([read_campaign(folder / "campaign")])
-    return free_form(searched(evidence_of(body.flaps), body.coordinates, [], lambda *_: None))
+    return free_form(search_models(make_dataset(body.flaps), body.coordinates, [], lambda *_: None))
 
 
 def test_bumps_add_up_to_a_force_that_is_there_before_the_start():
@@ -81,7 +81,7 @@ def resting_condition():
 
 
 def test_the_mount_bears_what_pulls_at_the_tip_of_a_resting_leg():
-    (here,) = standings([resting_condition()], Supposed(PAPER))
+    (here,) = nominal_conditions([resting_condition()], Supposed(PAPER))
     places = {place.id: place for place in places_of(here.in_hinge.shape[2])}
     at_rest = slice(0, 5)
     down = places["tip_down"].response(here).sum(axis=1).reshape(3, -1)[:, at_rest]
@@ -93,12 +93,12 @@ def test_the_mount_bears_what_pulls_at_the_tip_of_a_resting_leg():
 
 
 def test_a_pull_at_the_tip_bends_the_leg_as_a_weight_there_does():
-    (here,) = standings([resting_condition()], Supposed(PAPER))
+    (here,) = nominal_conditions([resting_condition()], Supposed(PAPER))
     place = next(place for place in places_of(here.in_hinge.shape[2]) if place.id == "tip_down")
     grams = 3.0
     heavier = replace(PAPER, effects=(PresentEffect("tip_mass", (("mass_g", grams),)),))
-    weighed = here.change_to(forced_stroke(here.flap, Supposed(heavier), ()), 1e-3 * grams * GRAVITY_M_S2).reshape(3, -1)[2, :5]
-    assert place.response(here).sum(axis=1).reshape(3, -1)[2, :5] == pytest.approx(weighed, rel=5e-3)
+    weigh_models = here.change_to(forced_stroke(here.flap, Supposed(heavier), ()), 1e-3 * grams * GRAVITY_M_S2).reshape(3, -1)[2, :5]
+    assert place.response(here).sum(axis=1).reshape(3, -1)[2, :5] == pytest.approx(weigh_models, rel=5e-3)
 
 
 def test_the_series_is_the_terms_it_is_named_after_and_knows_its_slopes():

@@ -6,11 +6,19 @@ import numpy as np
 import pytest
 
 from rfca_rig.diagnosis import gates
-from rfca_rig.diagnosis.coordinates import Choice
-from rfca_rig.diagnosis.decoys import best_decoy, taken_away
-from rfca_rig.diagnosis.descent import Descent
-from rfca_rig.diagnosis.gates import APPROXIMATELY, MOST_VARIATION, _least_left, _most_variation, comes_down, share_by_size, vetoed
-from rfca_rig.diagnosis.screening import Trial
+from rfca_rig.diagnosis.decision.acceptance import (
+    APPROXIMATELY,
+    MOST_VARIATION,
+    _least_left,
+    _most_variation,
+    comes_down,
+    share_by_size,
+    vetoed,
+)
+from rfca_rig.diagnosis.decision.negative_controls import best_decoy, taken_away
+from rfca_rig.diagnosis.inference.map_fit import GaussNewton
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm
+from rfca_rig.diagnosis.inference.screening import EffectProbe
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded
 
@@ -25,8 +33,8 @@ def played():
 
 
 def with_trial(found, signature):
-    choice = Choice(catalogue()["hinge_backlash"])
-    return replace(found, trials=(Trial(choice, np.zeros(1), signature),))
+    choice = EffectTerm(catalogue()["hinge_backlash"])
+    return replace(found, trials=(EffectProbe(choice, np.zeros(1), signature),))
 
 
 def test_what_a_true_effect_takes_away_is_nearly_all_and_a_turned_channel_takes_less(played):
@@ -120,13 +128,13 @@ def test_the_best_of_models_leave_the_noise_and_half_of_the_usual_error(played):
 def test_what_only_slopes_promise_does_not_count(played):
     """A slope that leads away from the best point promises a better fit; no step along it finds one."""
     best = played.named[0].fitted
-    descent = Descent(played.evidence, played.judge)
-    honest = descent.judged(best)
+    descent = GaussNewton(played.evidence, played.judge)
+    honest = descent.evaluate(best)
     assert honest.log_evidence == pytest.approx(played.named[0].judgement.log_evidence, abs=1.0)
-    worse = descent.at(best.coordinates, best.x + 0.4 * (np.arange(len(best.x)) == best.coordinates.nuisances), best.slope)
+    worse = descent.at(best.coordinates, best.x + 0.4 * (np.arange(len(best.x)) == best.coordinates.nuisances), best.jacobian)
     assert worse is not None
     linear = worse.linear(played.evidence.rows.measured)
-    assert played.judge.judged(linear).log_evidence > descent.judged(worse).log_evidence + 20.0
+    assert played.judge.evaluate(linear).log_evidence > descent.evaluate(worse).log_evidence + 20.0
 
 
 def test_an_approximate_law_is_enough_only_where_something_is_missing_for_sure(played):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from rfca_rig.diagnosis import growing
-from rfca_rig.diagnosis.coordinates import Choice, Coordinates
-from rfca_rig.diagnosis.descent import unscattered
-from rfca_rig.diagnosis.evidence import Evidence, evidence_of
-from rfca_rig.diagnosis.growing import grown
-from rfca_rig.diagnosis.nuisances import nuisances_of
+from rfca_rig.diagnosis.data.dataset import Dataset, make_dataset
+from rfca_rig.diagnosis.inference.continuation import continue_from_beginnings
+from rfca_rig.diagnosis.inference.map_fit import without_scatter
+from rfca_rig.diagnosis.inference.nuisances import nuisances_of
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
 
@@ -21,13 +21,13 @@ TRUE, FAR, SOFT = (0.45, -1.27), (0.6, 1.0), (-0.5, -2.0)  # coordinates of the 
 
 @pytest.fixture(scope="module")
 def descent():
-    evidence = evidence_of(flaps_of(recorded(replace(RIG, effects=(STOPPED,)), CONDITIONS, with_shaft=False)))
-    return unscattered(evidence)
+    evidence = make_dataset(flaps_of(recorded(replace(RIG, effects=(STOPPED,)), CONDITIONS, with_shaft=False)))
+    return without_scatter(evidence)
 
 
 @pytest.fixture(scope="module")
 def begun(descent):
-    coordinates = Coordinates(nuisances_of(RIG, KNOWN_TO, 0.0)).with_choices([Choice(catalogue()["hinge_stop"])])
+    coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0)).with_terms([EffectTerm(catalogue()["hinge_stop"])])
     return lambda stop, nuisances=0.0: descent.at(coordinates, np.append(np.full(coordinates.nuisances, nuisances), stop))
 
 
@@ -40,31 +40,31 @@ def is_true(fitted):
 
 
 def test_a_stop_is_found_behind_a_wall_that_whole_strokes_do_not_pass(descent, begun):
-    straight = descent.polished(descent.descended(begun(FAR)))
-    (found,) = grown(descent, [begun(FAR)])
+    straight = descent.converge(descent.refine(begun(FAR)))
+    (found,) = continue_from_beginnings(descent, [begun(FAR)])
     assert not is_true(straight) and is_true(found)
     assert descent.log_evidence(found) > descent.log_evidence(straight) + 100.0
 
 
 def test_nuisances_begin_as_believed(descent, begun):
-    near, far = (grown(descent, [begun(FAR, nuisances)])[0] for nuisances in (0.0, 2.0))
+    near, far = (continue_from_beginnings(descent, [begun(FAR, nuisances)])[0] for nuisances in (0.0, 2.0))
     assert np.array_equal(near.x, far.x)
 
 
 def test_a_stop_that_the_beginnings_do_not_reach_stays_where_it_was(descent, begun, monkeypatch):
-    assert is_true(grown(descent, [begun(TRUE)])[0])
+    assert is_true(continue_from_beginnings(descent, [begun(TRUE)])[0])
     monkeypatch.setattr(growing, "UNSEEN", np.inf)
-    assert not is_true(grown(descent, [begun(TRUE)])[0])
+    assert not is_true(continue_from_beginnings(descent, [begun(TRUE)])[0])
 
 
 def test_the_best_go_on(descent, begun, monkeypatch):
     monkeypatch.setattr(growing, "KEPT", 1)
-    (found,) = grown(descent, [begun(SOFT), begun(TRUE), begun(SOFT)])
+    (found,) = continue_from_beginnings(descent, [begun(SOFT), begun(TRUE), begun(SOFT)])
     assert is_true(found)
 
 
 def test_nothing_grows_without_strokes(descent, begun):
-    assert grown(replace(descent, evidence=Evidence((), descent.evidence.rows)), [begun(TRUE)]) == []
+    assert continue_from_beginnings(replace(descent, evidence=Dataset((), descent.evidence.rows)), [begun(TRUE)]) == []
 
 
 def test_strokes_end_where_they_have_grown_to(descent):

@@ -6,27 +6,27 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from rfca_rig.diagnosis.coordinates import Choice, Coordinates
-from rfca_rig.diagnosis.descent import unscattered
-from rfca_rig.diagnosis.evidence import evidence_of
-from rfca_rig.diagnosis.hypotheses import weighed
-from rfca_rig.diagnosis.judging import IMPLAUSIBLE
-from rfca_rig.diagnosis.nuisances import nuisances_of
+from rfca_rig.diagnosis.data.dataset import make_dataset
+from rfca_rig.diagnosis.inference.hypotheses import weigh_models
+from rfca_rig.diagnosis.inference.map_fit import without_scatter
+from rfca_rig.diagnosis.inference.nuisances import nuisances_of
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import IMPLAUSIBLE
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, recorded
 
 CONDITIONS = [(205.0, 2.433), (215.0, 2.8), (220.0, 3.249)]
-DAMPED, HEAVY = (Choice(catalogue()[name]) for name in ("hinge_viscous_damping", "tip_mass"))
+DAMPED, HEAVY = (EffectTerm(catalogue()[name]) for name in ("hinge_viscous_damping", "tip_mass"))
 
 
 def fits_of(times_damping):
     """Nothing missing, more damping and a heavier tip, each where it fits best to a leg whose hinges are damped so many times."""
     leg = replace(RIG.leg, hinge_damping_Nm_s_per_rad=times_damping * RIG.leg.hinge_damping_Nm_s_per_rad)
-    evidence = evidence_of(flaps_of(recorded(replace(RIG, leg=leg), CONDITIONS, with_shaft=False)))
-    descent = unscattered(evidence)
-    base = Coordinates(nuisances_of(RIG, KNOWN_TO | {"hinge_damping_relative": 0.5}, 0.0))
-    fits = [descent.at(base.with_choices(choices), np.zeros(base.size + len(choices))) for choices in ((), (DAMPED,), (HEAVY,))]
-    return descent, *(descent.polished(descent.descended(fitted)) for fitted in fits)
+    evidence = make_dataset(flaps_of(recorded(replace(RIG, leg=leg), CONDITIONS, with_shaft=False)))
+    descent = without_scatter(evidence)
+    base = Parameterization(nuisances_of(RIG, KNOWN_TO | {"hinge_damping_relative": 0.5}, 0.0))
+    fits = [descent.at(base.with_terms(choices), np.zeros(base.size + len(choices))) for choices in ((), (DAMPED,), (HEAVY,))]
+    return descent, *(descent.converge(descent.refine(fitted)) for fitted in fits)
 
 
 @pytest.fixture(scope="module")
@@ -36,14 +36,14 @@ def far():
 
 def share_within(descent, base):
     """Of nothing missing's posterior, what has a plausible damping."""
-    posterior, place = descent.judged(base).posterior, base.coordinates.space.names.index("hinge_damping")
+    posterior, place = descent.evaluate(base).posterior, base.coordinates.space.names.index("hinge_damping")
     assert posterior.mean[place] > IMPLAUSIBLE
     return norm.logcdf(IMPLAUSIBLE, posterior.mean[place], np.sqrt(posterior.covariance[place, place]))
 
 
 def test_nothing_missing_does_not_stand_on_hinges_damped_as_nobody_believes(far):
     descent, base, damped, _ = far
-    nothing, (named,) = weighed(descent, base, [damped], 20)
+    nothing, (named,) = weigh_models(descent, base, [damped], 20)
     assert nothing.judgement.log_evidence == pytest.approx(descent.log_evidence(base) + share_within(descent, base))
     assert named.judgement.log_evidence == pytest.approx(descent.log_evidence(damped))
     assert named.log_joint > nothing.log_joint
@@ -51,20 +51,20 @@ def test_nothing_missing_does_not_stand_on_hinges_damped_as_nobody_believes(far)
 
 def test_it_does_where_no_effect_says_the_same(far):
     descent, base, _, heavy = far
-    nothing, _ = weighed(descent, base, [heavy], 20)
+    nothing, _ = weigh_models(descent, base, [heavy], 20)
     assert nothing.judgement.log_evidence == pytest.approx(descent.log_evidence(base))
 
 
 def test_it_does_where_the_effect_needs_what_nobody_believes_as_well(far):
     descent, base, damped, _ = far
-    idle = np.column_stack([base.slope, np.zeros(len(base.predicted))])
-    strained = replace(damped, predicted=base.predicted, x=np.append(base.x, 0.0), slope=idle)
-    assert descent.judged(strained).farthest(base.coordinates.nuisances) > IMPLAUSIBLE
-    nothing, _ = weighed(descent, base, [strained], 20)
+    idle = np.column_stack([base.jacobian, np.zeros(len(base.predicted))])
+    strained = replace(damped, predicted=base.predicted, x=np.append(base.x, 0.0), jacobian=idle)
+    assert descent.evaluate(strained).farthest(base.coordinates.nuisances) > IMPLAUSIBLE
+    nothing, _ = weigh_models(descent, base, [strained], 20)
     assert nothing.judgement.log_evidence == pytest.approx(descent.log_evidence(base))
 
 
 def test_a_value_within_belief_keeps_its_evidence():
     descent, base, damped, heavy = fits_of(1.5)
-    nothing, _ = weighed(descent, base, [damped, heavy], 20)
+    nothing, _ = weigh_models(descent, base, [damped, heavy], 20)
     assert nothing.judgement.log_evidence == pytest.approx(descent.log_evidence(base), abs=1e-3)

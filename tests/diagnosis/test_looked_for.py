@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from rfca_rig.diagnosis.looked_for import looked_for, not_looked_for
+from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
 from rfca_rig.errors import BadInput
 from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import POOR_DATA, drawn_cases
@@ -13,15 +13,15 @@ from tests.cli.typed import typed
 
 
 def test_all_are_looked_for_but_those():
-    kept = looked_for(catalogue().values(), ["tip_mass", "fluid_drag"])
+    kept = select_candidates(catalogue().values(), ["tip_mass", "fluid_drag"])
     assert set(catalogue()) - {effect.id for effect in kept} == {"tip_mass", "fluid_drag"}
-    assert looked_for(catalogue().values(), ()) == list(catalogue().values())
-    assert not_looked_for(()) == () and not_looked_for(["tip_mass"]) == ("not looked for, as asked: tip_mass",)
+    assert select_candidates(catalogue().values(), ()) == list(catalogue().values())
+    assert describe_exclusions(()) == () and describe_exclusions(["tip_mass"]) == ("not looked for, as asked: tip_mass",)
 
 
 def test_one_that_is_in_no_catalogue_is_refused_before_anything_is_read(monkeypatch, capsys, tmp_path):
     with pytest.raises(BadInput, match="did you mean tip_mass"):
-        looked_for((), ["tip_mas"])
+        select_candidates((), ["tip_mas"])
     said = typed(monkeypatch, capsys, "diagnose", tmp_path / "none", "--without", "hinge_backlsh", "--each", "--out", tmp_path / "out")
     assert (said.exit_code, said.err) == (2, "rfca-rig: effect 'hinge_backlsh' is not in the catalogue; did you mean hinge_backlash?\n")
     assert not (tmp_path / "out").exists()

@@ -10,14 +10,14 @@ import pytest
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.bench.expectation import expected_loads
 from rfca_rig.description.protocol_file import read_dynamic, read_static
-from rfca_rig.diagnosis.candidates import SEQUENCES, StageCandidate
-from rfca_rig.diagnosis.contenders import contest_of
-from rfca_rig.diagnosis.next_experiment import _options, next_experiment
-from rfca_rig.diagnosis.next_protocol import NEXT_PROTOCOL, protocol_of, write_next_protocol
-from rfca_rig.diagnosis.room import Room
-from rfca_rig.diagnosis.scatter import Scatter
-from rfca_rig.diagnosis.separating import Outlook
-from rfca_rig.diagnosis.turns import shaft_condition
+from rfca_rig.diagnosis.data.shaft_observations import shaft_condition
+from rfca_rig.diagnosis.experiment_design.designs import SEQUENCES, StageCandidate
+from rfca_rig.diagnosis.experiment_design.expected_information import ExpectedInformation
+from rfca_rig.diagnosis.experiment_design.feasible_region import FeasibleRegion
+from rfca_rig.diagnosis.experiment_design.next_experiment import _options, next_experiment
+from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL, protocol_of, write_next_protocol
+from rfca_rig.diagnosis.experiment_design.open_hypotheses import contest_of
+from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.check import Load, check_plan
 from rfca_rig.protocol.experiments import flapping_plan, static_plan
@@ -163,7 +163,7 @@ def test_recorded_conditions_are_not_asked_for_again(gain_or_spring):
 
 def test_pushing_a_bent_leg_back_is_refused_where_it_wedges_beyond_the_limit():
     def back(force_N):
-        candidate = StageCandidate("slow reversal", 0.215, Room(0.2, 0.25, 5.0, Load(force_N, 50.0)), NOISE)
+        candidate = StageCandidate("slow reversal", 0.215, FeasibleRegion(0.2, 0.25, 5.0, Load(force_N, 50.0)), NOISE)
         return candidate.part(SimpleNamespace(rig=RIG, height_offset_m=0.0, turn_offset_rad=0.0))
 
     assert back(300.0) is not None
@@ -172,7 +172,7 @@ def test_pushing_a_bent_leg_back_is_refused_where_it_wedges_beyond_the_limit():
 
 @pytest.mark.parametrize("kind", SEQUENCES)
 def test_a_static_proposal_is_a_protocol_that_a_run_takes(tmp_path, kind):
-    described = StageCandidate(kind, 0.215, Room(0.2, 0.25, 5.0, Load(1e3, 1e3)), NOISE).described()
+    described = StageCandidate(kind, 0.215, FeasibleRegion(0.2, 0.25, 5.0, Load(1e3, 1e3)), NOISE).described()
     path = write_next_protocol(tmp_path, {**described, "repeats": 1, "why": "to see", "protocol": NEXT_PROTOCOL})
     protocol = read_static(path)
     assert protocol.heights_mm == (215.0,)
@@ -216,10 +216,10 @@ def linear_view():
     )
     for k, rival in enumerate(rivals):
         rival.fitted.coordinates.supposed = lambda x, k=k: (k, x)
-    return Outlook(contest, evidence, predicted, np.full(ROWS, 0.4), 0.1 * np.eye(ROWS)), slopes
+    return ExpectedInformation(contest, evidence, predicted, np.full(ROWS, 0.4), 0.1 * np.eye(ROWS)), slopes
 
 
-def _rival(slope, covariance):
+def _rival(jacobian, covariance):
     space = SimpleNamespace(names=("height",), prior_std=np.array([0.2]))
     coordinates = SimpleNamespace(nuisances=1, size=2, space=space)
     fitted = SimpleNamespace(x=np.zeros(2), coordinates=coordinates)

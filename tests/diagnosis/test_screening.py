@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.coordinates import Choice, value_of
-from rfca_rig.diagnosis.screening import grid_of
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, value_of
+from rfca_rig.diagnosis.inference.screening import grid_of
 from rfca_rig.model.catalogue import catalogue
 
 
@@ -12,7 +12,7 @@ from rfca_rig.model.catalogue import catalogue
 def test_every_start_is_a_plausible_value_and_at_rest(effect):
     for parameter in effect.parameters:
         assert all(parameter.low <= value <= parameter.high for value in parameter.starts)
-    choice = Choice(effect, tuple((p.name, p.low) for p in effect.parameters if p.whole))
+    choice = EffectTerm(effect, tuple((p.name, p.low) for p in effect.parameters if p.whole))
     for z in grid_of(choice):
         values = dict(choice.present(z).values)
         assert len(z) == len(choice.free)
@@ -23,6 +23,6 @@ def test_every_start_is_a_plausible_value_and_at_rest(effect):
 def test_a_frame_is_looked_for_at_every_tenth_of_its_frequency():
     """It rings: from a start that is soon out of step with it, no descent finds it."""
     frame = catalogue()["frame_compliance"]
-    frequency = sorted({value_of(frame.parameters[0], z[0]) for z in grid_of(Choice(frame))})
+    frequency = sorted({value_of(frame.parameters[0], z[0]) for z in grid_of(EffectTerm(frame))})
     assert frequency[0] < 7.0 and frequency[-1] > 45.0
     assert max(np.diff(np.log(frequency))) < np.log(1.1)

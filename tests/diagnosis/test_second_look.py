@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from rfca_rig.diagnosis.coordinates import Choice, Coordinates
-from rfca_rig.diagnosis.descent import unscattered
-from rfca_rig.diagnosis.evidence import evidence_of
-from rfca_rig.diagnosis.nuisances import nuisances_of
-from rfca_rig.diagnosis.pairing import no_worse_than_nested
-from rfca_rig.diagnosis.screening import Projection, Trial
-from rfca_rig.diagnosis.second_look import (
+from rfca_rig.diagnosis.data.dataset import make_dataset
+from rfca_rig.diagnosis.inference.forward_selection import no_worse_than_nested
+from rfca_rig.diagnosis.inference.map_fit import without_scatter
+from rfca_rig.diagnosis.inference.nuisances import nuisances_of
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.inference.restart_from_prior import (
     RESCALED,
-    Belief,
+    NominalFit,
     _gains,
     _promising_together,
-    explains,
-    is_lost,
+    fits_worse_than_unknown,
+    is_adequate,
     pairs_from_belief,
     singles_from_belief,
 )
+from rfca_rig.diagnosis.inference.screening import EffectProbe, Projection
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
 
@@ -33,19 +33,19 @@ RIVALS = ("tip_mass", "sensor_crosstalk", "fluid_drag", "sensor_lag", "hinge_bac
 @pytest.fixture(scope="module")
 def descent():
     flaps = flaps_of(recorded(replace(RIG, effects=(HEAVY, LEAKING)), [(205.0, 2.433), (215.0, 2.8), (220.0, 3.249)], with_shaft=False))
-    evidence = evidence_of(flaps)
-    return unscattered(evidence)
+    evidence = make_dataset(flaps)
+    return without_scatter(evidence)
 
 
 @pytest.fixture(scope="module")
 def coordinates():
-    return Coordinates(nuisances_of(RIG, KNOWN_TO, 0.0))
+    return Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0))
 
 
 @pytest.fixture(scope="module")
 def belief(descent, coordinates):
     believed = descent.at(coordinates, np.zeros(coordinates.size))
-    return Belief(believed, descent.evidence, tuple(Choice(catalogue()[name]) for name in RIVALS))
+    return NominalFit(believed, descent.evidence, tuple(EffectTerm(catalogue()[name]) for name in RIVALS))
 
 
 def names(fitted):
@@ -58,24 +58,24 @@ def test_both_effects_are_found_at_once_from_what_is_believed(descent, belief):
     values = {e.id: e.values[0][1] for e in best.coordinates.supposed(best.x).rig.effects}
     assert values["tip_mass"] == pytest.approx(50.0, rel=0.1)
     assert values["sensor_crosstalk"] == pytest.approx(0.2, rel=0.1)
-    assert explains(descent, best)
+    assert is_adequate(descent, best)
 
 
 def test_the_larger_one_is_the_best_that_is_found_alone_and_does_not_explain(descent, belief):
     best = max(singles_from_belief(descent, belief), key=descent.log_evidence)
     assert names(best) == {"tip_mass"}
-    assert not explains(descent, best)
+    assert not is_adequate(descent, best)
 
 
 def test_a_fit_is_lost_that_explains_next_to_nothing(descent, belief):
-    assert is_lost(descent, descent.descended(belief.fitted))
-    assert not is_lost(descent, max(pairs_from_belief(descent, belief), key=descent.log_evidence))
+    assert fits_worse_than_unknown(descent, descent.refine(belief.fitted))
+    assert not fits_worse_than_unknown(descent, max(pairs_from_belief(descent, belief), key=descent.log_evidence))
 
 
 def trials_of(signatures):
     """Two trials of one effect, and one of each of two others."""
     effects = [catalogue()[name] for name in ("tip_mass", "tip_mass", "fluid_drag", "sensor_lag")]
-    return [Trial(Choice(effect), np.zeros(1), signature) for effect, signature in zip(effects, signatures, strict=True)]
+    return [EffectProbe(EffectTerm(effect), np.zeros(1), signature) for effect, signature in zip(effects, signatures, strict=True)]
 
 
 @pytest.fixture
@@ -115,7 +115,7 @@ def test_pairs_that_promise_next_to_nothing_are_not_fitted(signatures):
 def test_a_part_that_went_astray_is_fitted_again_beside_what_lacks_nothing(descent, belief):
     """The heavy tip alone, left where no descent would take it; the pair that it is part of must not win because of that."""
     pair = max(pairs_from_belief(descent, belief), key=descent.log_evidence)
-    base = descent.descended(belief.fitted)
+    base = descent.refine(belief.fitted)
     alone = next(single for single in singles_from_belief(descent, belief) if names(single) == {"tip_mass"})
     astray = descent.at(alone.coordinates, alone.x - 3.0 * (np.arange(len(alone.x)) == alone.coordinates.nuisances))
     assert astray is not None and descent.log_evidence(astray) < descent.log_evidence(alone) - 100.0

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from rfca_rig.diagnosis.covariance import AtError, basis_of, discrepancy, factored
-from rfca_rig.diagnosis.leaving_out import foretold_apart, products_without
-from rfca_rig.diagnosis.linear import Linear, posterior_of, posteriors_of
-from rfca_rig.diagnosis.rows import Label, Rows, stacked
+from rfca_rig.diagnosis.data.observations import Label, Observations, stacked
+from rfca_rig.diagnosis.likelihood.covariance import AtError, basis_of, discrepancy, factored
+from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals, products_without
+from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior, laplace_posteriors
 
 
 def small_rows(seed=0, bins=12, conditions=2):
     random = np.random.default_rng(seed)
     parts = [
-        Rows(
+        Observations(
             measured=random.normal(size=bins),
             noise=np.full(bins, 0.1),
             scale=np.abs(random.normal(2.0, 0.5, bins)),
@@ -39,7 +39,7 @@ def mixed_rows(seed=6, stages=5):
 
 def signals_of(random, experiment, condition, each, phase):
     count = 2 * each
-    return Rows(
+    return Observations(
         measured=random.normal(size=count),
         noise=random.uniform(0.05, 0.2, count),
         scale=random.uniform(1.0, 3.0, count),
@@ -83,7 +83,7 @@ def test_block_by_block_the_covariance_is_that_of_all_rows():
     assert np.allclose(whitening.variance(), np.diag(covariance))
     assert whitening.log_det == pytest.approx(np.linalg.slogdet(covariance)[1])
     assert np.allclose(whitening(values).T @ whitening(values), values.T @ precision @ values)
-    assert np.allclose(whitening.weighed(values), precision @ values)
+    assert np.allclose(whitening.weigh_models(values), precision @ values)
     some = rows.condition == 1
     assert np.allclose(whitening.precision(some), precision[np.ix_(some, some)])
 
@@ -106,31 +106,31 @@ def test_one_basis_whitens_at_every_model_error(s):
 def test_evidence_is_the_density_of_the_rows_with_all_unknowns_integrated_out():
     rows = small_rows()
     random = np.random.default_rng(2)
-    slope, scatter = random.normal(size=(len(rows.measured), 3)), np.empty((len(rows.measured), 0))
+    jacobian, scatter = random.normal(size=(len(rows.measured), 3)), np.empty((len(rows.measured), 0))
     covariance = dense(rows, scatter, 0.05)
-    found = posterior_of(Linear(rows.measured, slope), factored(covariance))
-    density = multivariate_normal(cov=covariance + slope @ slope.T).logpdf(rows.measured)
+    found = laplace_posterior(Linear(rows.measured, jacobian), factored(covariance))
+    density = multivariate_normal(cov=covariance + jacobian @ jacobian.T).logpdf(rows.measured)
     assert found.log_evidence == pytest.approx(density + 0.5 * len(rows.measured) * np.log(2.0 * np.pi))
 
 
 def test_the_posterior_is_that_of_conditioning_a_joint_normal():
     rows = small_rows()
-    slope = np.random.default_rng(3).normal(size=(len(rows.measured), 2))
+    jacobian = np.random.default_rng(3).normal(size=(len(rows.measured), 2))
     covariance = dense(rows, np.empty((len(rows.measured), 0)), 0.05)
-    found = posterior_of(Linear(rows.measured, slope), factored(covariance))
-    gain = slope.T @ np.linalg.inv(covariance + slope @ slope.T)
+    found = laplace_posterior(Linear(rows.measured, jacobian), factored(covariance))
+    gain = jacobian.T @ np.linalg.inv(covariance + jacobian @ jacobian.T)
     assert np.allclose(found.mean, gain @ rows.measured)
-    assert np.allclose(found.covariance, np.eye(2) - gain @ slope)
+    assert np.allclose(found.covariance, np.eye(2) - gain @ jacobian)
 
 
 def test_loose_directions_widen_the_covariance():
     rows = small_rows()
     random = np.random.default_rng(4)
-    slope, loose = random.normal(size=(len(rows.measured), 2)), random.normal(size=(len(rows.measured), 3))
+    jacobian, extra_directions = random.normal(size=(len(rows.measured), 2)), random.normal(size=(len(rows.measured), 3))
     basis = basis_of(rows, np.empty((len(rows.measured), 0)))
-    (found,) = posteriors_of(Linear(rows.measured, slope), (AtError(basis, 0.02),), loose)
-    wider = dense(rows, np.empty((len(rows.measured), 0)), 0.02) + loose @ loose.T
-    direct = posterior_of(Linear(rows.measured, slope), factored(wider))
+    (found,) = laplace_posteriors(Linear(rows.measured, jacobian), (AtError(basis, 0.02),), extra_directions)
+    wider = dense(rows, np.empty((len(rows.measured), 0)), 0.02) + extra_directions @ extra_directions.T
+    direct = laplace_posterior(Linear(rows.measured, jacobian), factored(wider))
     assert found.log_evidence == pytest.approx(direct.log_evidence)
     assert np.allclose(found.mean, direct.mean)
 
@@ -151,12 +151,12 @@ def test_a_condition_is_foretold_as_by_a_fit_to_the_others_alone():
     whitening = AtError(basis_of(rows, random.normal(size=(m, 2))), 0.02)
     linear, covariance = Linear(random.normal(size=m), random.normal(size=(m, 3))), whitening.covariance()
     assert whitening.variance() == pytest.approx(np.diag(covariance))
-    apart = foretold_apart(linear, whitening, rows.condition, [0, 2])
+    apart = loo_residuals(linear, whitening, rows.condition, [0, 2])
     assert not apart[(rows.condition == 1) | (rows.condition == 3)].any()
     for number in (0, 2):
         out = rows.condition == number
-        mean = posterior_of(linear.kept(~out), factored(covariance[np.ix_(~out, ~out)])).mean
-        assert apart[out] == pytest.approx(linear.target[out] - linear.slope[out] @ mean, abs=1e-9)
+        mean = laplace_posterior(linear.kept(~out), factored(covariance[np.ix_(~out, ~out)])).mean
+        assert apart[out] == pytest.approx(linear.target[out] - linear.jacobian[out] @ mean, abs=1e-9)
 
 
 def test_products_without_some_rows_are_those_of_the_others_alone():
@@ -164,6 +164,6 @@ def test_products_without_some_rows_are_those_of_the_others_alone():
     whitening = AtError(basis_of(rows, random.normal(size=(len(rows.measured), 2))), 0.03)
     columns, out = random.normal(size=(len(rows.measured), 3)), rows.condition == 1
     kept = whitening.covariance()[np.ix_(~out, ~out)]
-    products, log_det = products_without(columns, whitening.weighed(columns), whitening, out)
+    products, log_det = products_without(columns, whitening.weigh_models(columns), whitening, out)
     assert np.allclose(products, columns[~out].T @ np.linalg.solve(kept, columns[~out]))
     assert log_det == pytest.approx(np.linalg.slogdet(kept)[1])

@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.diagnosis.diagnose import diagnose
-from rfca_rig.diagnosis.model_after import write_model_after
+from rfca_rig.diagnosis.fitted_model_file import write_fitted_model
 from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import NOTHING, drawn_cases
 from rfca_rig.exam.designs import Design
@@ -37,7 +37,7 @@ def test_where_nothing_was_left_out_nothing_is_claimed(tmp_path):
     diagnosis = told(campaign(tmp_path, {}))
     assert diagnosis.verdict == "nothing missing"
     assert not diagnosis.effects
-    assert not write_model_after(tmp_path / "model.toml", diagnosis, campaign(tmp_path / "again", {}))
+    assert not write_fitted_model(tmp_path / "model.toml", diagnosis, campaign(tmp_path / "again", {}))
     seen = {effect.id: effect.would_have_seen for effect in diagnosis.not_seen}
     assert seen["hinge_backlash"]["half_gap_deg"] < 0.5
 
@@ -68,7 +68,7 @@ def test_what_was_left_out_is_named_with_its_size(tmp_path, effect, values):
     assert [found.id for found in diagnosis.effects] == [effect]
     for name, value in values.items():
         assert diagnosis.effects[0].parameters[name].value == pytest.approx(value, rel=0.1)
-    assert write_model_after(tmp_path / "model.toml", diagnosis, recording)
+    assert write_fitted_model(tmp_path / "model.toml", diagnosis, recording)
     assert effect in [present.id for present in read_model_file(tmp_path / "model.toml").model().effects]
     write_diagnosis(diagnosis, tmp_path)
     assert json.loads((tmp_path / "diagnosis.json").read_text())["effects"][0]["id"] == effect

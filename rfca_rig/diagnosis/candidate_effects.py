@@ -1,0 +1,26 @@
+"""Which effects are looked for: those of the catalogue that a rig may lack, less those of which somebody knows better."""
+
+from collections.abc import Collection, Iterable
+
+from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.effect import Effect
+from rfca_rig.nearest import suggestion
+
+
+def select_candidates(effects: Iterable[Effect], without: Collection[str]) -> list[Effect]:
+    """The effects but for those of these ids. Raises BadInput for an id that is in no catalogue."""
+    check_known(without)
+    return [effect for effect in effects if effect.id not in without]
+
+
+def check_known(ids: Collection[str]) -> None:
+    """Raises BadInput for an id that is in no catalogue."""
+    unknown = sorted(set(ids) - set(catalogue()))
+    if unknown:
+        raise BadInput(f"effect {unknown[0]!r} is not in the catalogue; {suggestion(unknown[0], sorted(catalogue()))}")
+
+
+def describe_exclusions(without: Collection[str]) -> tuple[str, ...]:
+    """The same as a remark beside the answer; none where all were looked for."""
+    return (f"not looked for, as asked: {', '.join(without)}",) if without else ()

@@ -1,0 +1,82 @@
+"""What was recorded as one vector of independent statements: means over short bins, and over repeats, of every signal.
+
+A stroke is cut into bins of 10 to 25 ms, which lose nothing of a leg that swings in tenths of seconds; each bin's value is the mean
+over its samples and over the repeats. Static stages stand below as they were read.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Label:
+    """What a block of rows belongs to. `condition` in words, as in "215 mm, 2.433 rad/s" or "215 mm"."""
+
+    experiment: str
+    condition: str
+    signal: str
+
+
+@dataclass(frozen=True)
+class Observations:
+    """All arrays (m,), one entry per row.
+
+    `measured` in the signal's unit; `noise` its standard deviation from the sensor alone; `scale` the size of the signal here, which a
+    relative error of the model refers to, `jolt` that of the ringing after the touchdown; `progress` 0 at touchdown and 1 at the
+    valley, or for a static stage its shaft angle in units of 0.4 rad; `phase` in words; `label` points into `labels`; `condition` counts
+    conditions, dynamic ones first.
+    """
+
+    measured: Floats
+    noise: Floats
+    scale: Floats
+    jolt: Floats
+    progress: Floats
+    t_s: Floats
+    phase: NDArray[np.str_]
+    label: Integers
+    condition: Integers
+    labels: tuple[Label, ...]
+
+    @property
+    def signal(self) -> NDArray[np.str_]:
+        """Name of the signal of each row."""
+        return np.array([label.signal for label in self.labels])[self.label]
+
+    @property
+    def experiment(self) -> NDArray[np.str_]:
+        """ "dynamic" or "static" for each row."""
+        return np.array([label.experiment for label in self.labels])[self.label]
+
+    def names(self) -> tuple[str, ...]:
+        """The conditions in words, in the order in which `condition` counts them."""
+        found: dict[int, str] = {}
+        for label, condition in zip(self.label, self.condition, strict=True):
+            found.setdefault(int(condition), f"{self.labels[label].experiment}, {self.labels[label].condition}")
+        return tuple(found[number] for number in sorted(found))
+
+
+def stacked(parts: list[Observations]) -> Observations:
+    """The parts below each other; their conditions and labels are counted on."""
+    labels: list[Label] = []
+    label, condition, conditions = [], [], 0
+    for part in parts:
+        label.append(part.label + len(labels))
+        condition.append(part.condition + conditions)
+        labels += part.labels
+        conditions += int(part.condition.max()) + 1
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _PLAIN}
+    return Observations(**columns, label=np.concatenate(label), condition=np.concatenate(condition), labels=tuple(labels))
+
+
+_PLAIN = ("measured", "noise", "scale", "jolt", "progress", "t_s", "phase")
+
+
+def rms(values: Floats) -> float:
+    """Root mean square of all of them."""
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,162 @@
+"""A recorded stretch of a pendulum's motion as rows, and the model's for the same.
+
+A stretch is a few windows of half a second, each simulated from the state in which the recording has it. What an error in that state
+does is taken off: for every supposed model the start is moved, within its uncertainty, to where the window fits best. So only what the
+model does within a window counts, and all of a window's rows do not inherit one error as if they were independent.
+
+The model's own error refers to what wrong torques do: one of 1 % means that angles and speeds are off as the believed pendulum's are
+when the torque in each joint is off by 1 % of what weight and drive make there. Near the top, where small differences grow, that is much.
+Neighbouring rows err alike, so that they do not count as independent.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.swings import SwingProblem, SwingWindow, shifted
+from rfca_rig.diagnosis.data.observations import Label, Observations
+from rfca_rig.diagnosis.inference.pendulum_nuisances import of_pendulum
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import USUAL_ERROR
+from rfca_rig.model.parameters import GRAVITY_M_S2
+from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, driven
+
+Floats = NDArray[np.float64]
+
+WINDOW_S = 0.5
+BIN_S = 0.05  # ten rows per window and signal: pendulums of laboratory size turn back a few times a second
+WINDOWS_OF_STRETCH = 4
+SMOOTH_OVER_S = 0.15  # of the model's error: torques err with the joint's angle, which changes that fast
+ROUGH = 0.3  # share of it that is not smooth
+
+
+@dataclass(frozen=True)
+class StartedWindow:
+    """One window, its rows' `scale` (c, n, b), and `gain` (2 n, c n b): the start's error, in standard deviations, that a misfit shows."""
+
+    window: SwingWindow
+    scale: Floats
+    gain: Floats
+
+    def predicted(self, pendulum: DrivenPendulum) -> Floats:
+        """What the model says from the start that suits it best. Raises SimulationFailed."""
+        from_measured = self.window.predicted(pendulum)
+        start_error = self.gain @ (self.window.measured - from_measured).ravel()
+        return np.asarray(from_measured + np.tensordot(start_error, self.window.start_effect, 1))
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A few windows of one run, which are one condition; `named` in words."""
+
+    named: str
+    run: str
+    pendulum: Pendulum
+    windows: tuple[StartedWindow, ...]
+
+    @property
+    def repeats(self) -> Floats:
+        """None: every stretch is recorded once."""
+        return np.empty((1, 0))
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Of the rows, channel by channel, joint by joint."""
+        channels, joints, _ = self.windows[0].window.measured.shape
+        return tuple(f"{('angle', 'speed')[c]}{j + 1}_{('rad', 'rad_s')[c]}" for c in range(channels) for j in range(joints))
+
+    def simulated(self, supposed: Supposed) -> Floats:
+        """The model's rows, signal by signal within window by window. Raises SimulationFailed, BadInput."""
+        ready = driven(shifted(self.pendulum, dict(of_pendulum(supposed).off)), supposed.rig.effects)
+        return np.concatenate([window.predicted(ready).ravel() for window in self.windows])
+
+    def rows(self) -> Observations:
+        """What was measured here."""
+        scale = np.concatenate([w.scale.ravel() for w in self.windows])
+        t_s = np.concatenate([_per_row(w.window.start_s + w.window.middles_s, w.window) for w in self.windows])
+        label = [np.repeat(np.arange(len(self.signals)), w.window.measured.shape[2]) for w in self.windows]
+        return Observations(
+            measured=np.concatenate([w.window.measured.ravel() for w in self.windows]),
+            noise=np.concatenate([w.window.sensor_std.ravel() for w in self.windows]),
+            scale=scale,
+            jolt=ROUGH * scale,
+            progress=t_s / SMOOTH_OVER_S,
+            t_s=t_s,
+            phase=np.full(len(t_s), self.run),
+            label=np.concatenate(label),
+            condition=np.zeros(len(t_s), dtype=np.intp),
+            labels=tuple(Label("swings", self.named, signal) for signal in self.signals),
+        )
+
+
+def stretches_of(problem: SwingProblem) -> tuple[Stretch, ...]:
+    """The stretches of all runs, in their order."""
+    return tuple(s for run in range(len(problem.conditions)) for s in _of_run(problem, run))
+
+
+def _of_run(problem: SwingProblem, run: int) -> list[Stretch]:
+    windows = [window for window in problem.windows if window.run == run]
+    if not windows:
+        return []
+    torque_Nm = _usual_torque_Nm(problem.pendulum, windows)
+    started = [_started(window, problem.pendulum, torque_Nm) for window in windows]
+    count = max(1, round(len(windows) / WINDOWS_OF_STRETCH))
+    bounds = np.linspace(0, len(windows), count + 1).round().astype(int)
+    parts = [started[a:b] for a, b in pairwise(bounds)]
+    return [_stretch(problem, run, part) for part in parts]
+
+
+def _stretch(problem: SwingProblem, run: int, windows: Sequence[StartedWindow]) -> Stretch:
+    begin_s, last = windows[0].window.start_s, windows[-1].window
+    name = problem.conditions[run]
+    return Stretch(f"{name}, {begin_s:.1f} to {last.start_s + last.t_s[-1]:.1f} s", _condition(name), problem.pendulum, tuple(windows))
+
+
+def _condition(run: str) -> str:
+    """The condition of a run: its repeats err alike."""
+    return run.rpartition(", repeat ")[0] or run
+
+
+def _usual_torque_Nm(pendulum: Pendulum, windows: Sequence[SwingWindow]) -> Floats:
+    """Rms over the windows of what weight and drive make in each joint together, whichever way they point, (n,)."""
+    square = sum(np.mean(_weight_Nm(pendulum, w.measured[0]) ** 2, axis=1) + np.mean(w.trace.torque_Nm**2, axis=0) for w in windows)
+    return np.asarray(np.sqrt(square / len(windows)))
+
+
+def _weight_Nm(pendulum: Pendulum, angle_rad: Floats) -> Floats:
+    """The torque (n, b) of the weight in each joint, at joint angles (n, b)."""
+    aside = np.sin(np.cumsum(angle_rad, axis=0))
+    beyond = np.append(np.cumsum([link.mass_kg for link in pendulum.links[::-1]])[::-1][1:], 0.0)
+    moment = [link.mass_kg * link.centre_of_mass_m + far * link.length_m for link, far in zip(pendulum.links, beyond, strict=True)]
+    own = GRAVITY_M_S2 * np.array(moment)[:, None] * aside
+    return np.asarray(np.cumsum(own[::-1], axis=0)[::-1])
+
+
+def _started(window: SwingWindow, pendulum: Pendulum, torque_Nm: Floats) -> StartedWindow:
+    scale = _scale(window, pendulum, torque_Nm)
+    effect = window.start_effect.reshape(len(window.start_effect), -1)
+    weigh_models = effect / (window.sensor_std**2 + (USUAL_ERROR * scale) ** 2).ravel()
+    gain = np.linalg.solve(weigh_models @ effect.T + np.eye(len(effect)), weigh_models)
+    return StartedWindow(window, scale, np.asarray(gain, dtype=np.float64))
+
+
+def _scale(window: SwingWindow, pendulum: Pendulum, torque_Nm: Floats) -> Floats:
+    """What a steady torque of the usual size in each joint does, of the shape of the window's rows; what has grown stays grown."""
+    free = driven(Pendulum(tuple(replace(link, driven=True) for link in pendulum.links)))
+    square = np.zeros_like(window.measured)
+    for more in USUAL_ERROR * np.diag(torque_Nm):
+        ahead, behind = (_under(window, sign * more).predicted(free) for sign in (1.0, -1.0))
+        square += (0.5 * (ahead - behind) / USUAL_ERROR) ** 2
+    return np.asarray(np.maximum.accumulate(np.sqrt(square), axis=2))
+
+
+def _under(window: SwingWindow, more_Nm: Floats) -> SwingWindow:
+    """The window with some more torque in the joints."""
+    return replace(window, trace=replace(window.trace, torque_Nm=window.trace.torque_Nm + more_Nm))
+
+
+def _per_row(of_bin: Floats, window: SwingWindow) -> Floats:
+    return np.tile(of_bin, window.measured[:, :, 0].size)

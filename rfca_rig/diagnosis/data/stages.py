@@ -1,0 +1,134 @@
+"""The static table of one height as rows, and the simulated stages."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.diagnosis.data.observations import Label, Observations
+from rfca_rig.model.chain import Tolerance
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.static_stages import StageMoves, staged_motion
+from rfca_rig.model.stroke import stroke_following
+from rfca_rig.recording.form import StaticStage
+
+Floats = NDArray[np.float64]
+
+FORCES = ("fy_N", "fz_N", "tx_Nm")
+MEAN_OF_SAMPLES = 5.0  # a stage's mean is at least this much quieter, squared, than one sample: readings drift while they are averaged
+HINGE_NOISE_DEG = 0.2  # of a red mark in a photograph, where the table does not say
+STAGE_APART_RAD = 0.4  # stages this far apart err on their own
+IN_MOTION_ONLY = (
+    "sensor_lag",
+    "clock_offset",
+    "sensor_drift",
+    "motor_speed_droop",
+    "motor_speed_ripple",
+)  # a settled reading does not show them
+HELD_ANYHOW = 30.0  # of the usual friction: 0.3 of it goes with a model error of 1 %
+# A third less work than by default; what is read changes by some hundredths of what a model usually errs by.
+CLOSE_ENOUGH = Tolerance(3e-5, 9e-2, 0.04, most_steps=200_000)
+REMEMBERED = 256  # tables, some kilobytes each
+HOLD_S = 0.3  # the slowest swing of the paper's leg has died out
+
+
+@dataclass(frozen=True)
+class StageTable:
+    """The stages of one height in their order, moved to as `moves` says.
+
+    Where the shaft is not `stopped_as_told`, it may have gone back a little at every stop, and friction holds the tip with a force that
+    nobody can foretell.
+    """
+
+    height_m: float
+    stages: tuple[StaticStage, ...]
+    moves: StageMoves
+    noise: Mapping[str, float]
+    stopped_as_told: bool = True
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        hinges = len(self.stages[0].hinge_deg)
+        return (*FORCES, *(f"hinge{i}_deg" for i in range(2, 2 + hinges)))
+
+    @property
+    def repeats(self) -> Floats:
+        """None: each stage is read once."""
+        return np.empty((1, 0))
+
+    def simulated(self, supposed: Supposed) -> Floats:
+        """The model's rows, signal after signal, NaN where nothing was measured left out. Raises SimulationFailed."""
+        return self._table(supposed)[self._present()]
+
+    def _table(self, supposed: Supposed) -> Floats:
+        turned = tuple(stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages)
+        settled = tuple(effect for effect in supposed.rig.effects if effect.id not in IN_MOTION_ONLY)
+        rig = replace(supposed.rig, swing=None, effects=settled)
+        held = _held(rig, self.height_m + supposed.height_offset_m, turned, self.moves)
+        return np.concatenate(held[: len(self.signals)])
+
+    def _measured(self) -> Floats:
+        forces = [[getattr(stage, signal) for stage in self.stages] for signal in FORCES]
+        return np.concatenate([*forces, *np.array([stage.hinge_deg for stage in self.stages]).T])
+
+    def _held_anyhow(self) -> Floats:
+        """Of each signal, what a tip that is held otherwise than foretold may change in it."""
+        if self.stopped_as_told:
+            return np.zeros(len(self.signals))
+        friction = HELD_ANYHOW * float(np.sqrt(np.mean([stage.fy_N**2 for stage in self.stages])))
+        return np.array([friction, friction, self.height_m * friction] + [0.0] * (len(self.signals) - len(FORCES)))
+
+    def _present(self) -> NDArray[np.bool_]:
+        return np.isfinite(self._measured())
+
+    def rows(self) -> Observations:
+        """What was measured here."""
+        present, stages, signals = self._present(), len(self.stages), self.signals
+        measured = self._measured()
+        table = measured.reshape(len(signals), stages)
+        scale = np.sqrt(np.nanmean(table**2, axis=1)) if np.isfinite(table).any() else np.ones(len(signals))
+        angle = np.array([stage.shaft_angle_rad for stage in self.stages])
+        phase = np.array([stage.direction for stage in self.stages])
+        label = np.repeat(np.arange(len(signals)), stages)
+        return Observations(
+            measured=measured[present],
+            noise=np.repeat([self.noise[signal] for signal in signals], stages)[present],
+            scale=np.nan_to_num(np.repeat(scale, stages)[present], nan=1.0),
+            jolt=np.repeat(self._held_anyhow(), stages)[present],
+            progress=np.tile(angle / STAGE_APART_RAD, len(signals))[present],
+            t_s=np.tile(angle, len(signals))[present],
+            phase=np.tile(phase, len(signals))[present],
+            label=label[present],
+            condition=np.zeros(int(present.sum()), dtype=np.intp),
+            labels=tuple(Label("static", f"{1e3 * self.height_m:g} mm", signal) for signal in signals),
+        )
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _held(rig: RigModel, height_m: float, turned_rad: tuple[float, ...], moves: StageMoves) -> Floats:
+    """The three forces and all hinge angles of the model at these stages, (3 + hinges, stages).
+
+    Remembered: what a hypothesis moves is often something that no settled reading shows, as a leg that swings in the beginning.
+    """
+    motion, read_s = staged_motion(rig.leg.start_angle_rad, turned_rad, moves)
+    held = stroke_following(rig, height_m, motion, read_s, CLOSE_ENOUGH)
+    return np.array([held.fy_N, held.fz_N, held.tx_Nm, *np.degrees(np.diff(held.q_rad, axis=1)).T])
+
+
+def stage_tables(stages: Sequence[StaticStage], noise_std: Mapping[str, float | None], moves: StageMoves) -> tuple[StageTable, ...]:
+    """One table per height, in the order in which the stages were recorded."""
+    heights: dict[float, list[StaticStage]] = {}
+    for stage in stages:
+        heights.setdefault(round(stage.height_m, 4), []).append(stage)
+    return tuple(StageTable(height, tuple(table), moves, _noise(table, noise_std)) for height, table in heights.items())
+
+
+def _noise(stages: Sequence[StaticStage], noise_std: Mapping[str, float | None]) -> dict[str, float]:
+    stated = {name: [s.std[name] for s in stages if name in s.std] for name in FORCES}
+    usual = {"fy_N": 0.1, "fz_N": 0.15, "tx_Nm": 0.006}
+    forces = {name: (noise_std.get(name) or usual[name]) / np.sqrt(MEAN_OF_SAMPLES) for name in FORCES}
+    found = {name: float(np.mean(stated[name])) if stated[name] else float(forces[name]) for name in FORCES}
+    return found | {f"hinge{i}_deg": HINGE_NOISE_DEG for i in range(2, 2 + len(stages[0].hinge_deg))}

@@ -1,0 +1,219 @@
+"""The strokes of one condition as rows, and the simulated stroke cut the same way."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.phases import PHASES, Refused, StrokePhases
+from rfca_rig.analysis.repeats import Condition
+from rfca_rig.analysis.valley import Valley, stroke_valley, valley_and_phases
+from rfca_rig.diagnosis.data.observations import Label, Observations
+from rfca_rig.model.chain import Tolerance
+from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
+from rfca_rig.model.stroke import SimulatedStroke, stroke_following
+from rfca_rig.recording.form import Stroke
+
+Floats = NDArray[np.float64]
+
+FORCES = ("fy_N", "fz_N", "tx_Nm")
+REST_BIN_S = 0.025
+BIN_S = 0.020
+TOUCHDOWN_BIN_S = 0.010
+BEFORE_TOUCHDOWN_S = 0.010  # repeats touch down some milliseconds apart
+BEFORE_LIFT_OFF_S = 0.020  # the leg lets go at moments that differ from stroke to stroke
+SMALLEST_SCALE = 0.02  # of a signal's rms over the stroke: a free leg pulls little, but not with infinite precision
+LATE_S = 0.1  # a relative error of 1 % goes with a moment that is off by 1 ms
+JOLT = 5.0  # the ringing after touchdown is that much harder to foresee than what swings slowly
+JOLT_DIES_S = 0.06
+# A stroke takes some thousands, up to 20 000 where the tip chatters; a place that takes more is no place to go to.
+BOUNDED = Tolerance(most_steps=50_000)
+
+
+@dataclass(frozen=True)
+class Turn:
+    """How the shaft moves: along `recorded`, or where that is None from `start_rad` to `speed_rad_s` as commanded, but `late_s` later.
+
+    `start_rad` is None where no shaft angle was recorded; then the leg starts where it is believed to.
+    """
+
+    speed_rad_s: float
+    start_rad: float | None
+    recorded: ShaftMotion | None = None
+    late_s: float = 0.0
+
+    def motion(self, supposed: Supposed, end_s: float) -> ShaftMotion:
+        """The motion under what is supposed of the encoder's zero and the drive's ramp."""
+        leg, drive = supposed.rig.leg, supposed.rig.drive
+        if self.recorded is not None:
+            coefficients = self.recorded.coefficients.copy()
+            coefficients[:, 0] += supposed.turn_offset_rad
+            return replace(self.recorded, coefficients=coefficients)
+        start_rad = leg.start_angle_rad if self.start_rad is None else self.start_rad + supposed.turn_offset_rad
+        return ramp_to_speed(start_rad, self.speed_rad_s, drive.ramp_s, end_s).later(self.late_s)
+
+
+@dataclass(frozen=True)
+class FlapCondition:
+    """One condition of the dynamic experiment: mean over its repeats in bins, and how to simulate the same.
+
+    `edges_s` (b + 1,) bound the bins, `t_s` (n,) are the samples within, `first` (b,) the sample each bin begins with.
+    `repeats` (r, 3 b) holds the binned signals of each stroke in the order of `signals`.
+    """
+
+    label: str
+    height_m: float
+    turn: Turn
+    t_s: Floats
+    first: NDArray[np.intp]
+    signals: tuple[str, ...]
+    repeats: Floats
+    phases: StrokePhases
+    sample_noise: Mapping[str, float]
+    valley: Valley | Refused
+
+    def simulated(self, supposed: Supposed) -> Floats:
+        """The model's rows (k b,), signal after signal. Raises SimulationFailed."""
+        stroke = self.stroke(supposed)
+        return np.concatenate([self._binned(getattr(stroke, signal)) for signal in self.signals])
+
+    def until(self, end_s: float) -> "FlapCondition":
+        """The same without the bins that end later, for what only the beginning tells."""
+        bins = max(int(np.searchsorted(self.t_s[self.first], end_s)) - 1, 1)
+        repeats = self.repeats.reshape(len(self.repeats), len(self.signals), -1)[:, :, :bins]
+        t_s = self.t_s[: self.first[bins]] if bins < len(self.first) else self.t_s
+        return replace(self, t_s=t_s, first=self.first[:bins], repeats=repeats.reshape(len(repeats), -1))
+
+    def stroke(self, supposed: Supposed) -> SimulatedStroke:
+        """The whole simulated stroke at the samples' times. Raises SimulationFailed."""
+        motion = self.turn.motion(supposed, float(self.t_s[-1]))
+        return stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s, BOUNDED)
+
+    def _binned(self, values: Floats) -> Floats:
+        return np.asarray(np.add.reduceat(values, self.first) / self.counts)
+
+    @cached_property
+    def counts(self) -> Floats:
+        """Samples in each bin, (b,)."""
+        return np.diff(np.append(self.first, len(self.t_s))).astype(np.float64)
+
+    def rows(self) -> Observations:
+        """What was measured here."""
+        bins, signals = len(self.first), len(self.signals)
+        middle = self._binned(self.t_s)
+        phase = np.array(PHASES)[self.phases.number(middle)]
+        measured = self.repeats.mean(axis=0)
+        noise = [self.sample_noise[signal] / np.sqrt(self.counts * len(self.repeats)) for signal in self.signals]
+        return Observations(
+            measured=measured,
+            noise=np.concatenate(noise),
+            scale=np.concatenate([_scale(middle, part, phase) for part in measured.reshape(signals, bins)]),
+            jolt=np.concatenate([_jolt(middle, part, phase, self.phases) for part in measured.reshape(signals, bins)]),
+            progress=np.tile(_progress(middle, self.phases), signals),
+            t_s=np.tile(middle, signals),
+            phase=np.tile(phase, signals),
+            label=np.repeat(np.arange(signals), bins),
+            condition=np.zeros(signals * bins, dtype=np.intp),
+            labels=tuple(Label("dynamic", self.label, signal) for signal in self.signals),
+        )
+
+
+def flap_condition(condition: Condition, noise_std: Mapping[str, float | None], turn: Turn) -> FlapCondition | Refused:
+    """The condition as rows; refused where none of its strokes shows a valley."""
+    good = [(s, p) for s in condition.strokes if not isinstance((p := _phases(s)), Refused)]
+    if not good:
+        return Refused(f"{condition.label}: no stroke shows a touchdown and a valley")
+    strokes = [stroke for stroke, _ in good]
+    moments = np.array([[p.touchdown_s, p.valley_s, p.lift_off_s] for _, p in good])
+    phases = StrokePhases(*(float(m) for m in np.median(moments, axis=0)))
+    signals = tuple(s for s in FORCES if all(stroke.channel(s) is not None for stroke in strokes))
+    times = [stroke.channel("fz_N")[0] for stroke in strokes]  # type: ignore[index]
+    time = times[0]
+    edges = _edges(float(max(t_s[0] for t_s in times)), float(min(t_s[-1] for t_s in times)), phases)
+    inside = (time >= edges[0]) & (time < edges[-1])
+    first = np.searchsorted(time[inside], edges[:-1])
+    repeats = np.array([np.concatenate([_binned(stroke, s, edges) for s in signals]) for stroke in strokes])
+    noise = {s: noise_std.get(s) or _noise(strokes, s) for s in signals}
+    valleys = [v for stroke in strokes if not isinstance(v := stroke_valley(stroke), Refused)]
+    valley = Valley(float(np.mean([v.time_s for v in valleys])), float(np.mean([v.fz_N for v in valleys])))
+    return FlapCondition(condition.label, condition.height_m, turn, time[inside], first, signals, repeats, phases, noise, valley)
+
+
+def turn_of(condition: Condition, follows_recorded: bool, late_s: float = 0.0) -> Turn:
+    """The turn of a condition: as commanded from its mean recorded start, `late_s` later, or along the mean of its recorded angles.
+
+    What obeys is better known from its command: what an encoder adds shakes no leg.
+    """
+    traces = [trace for stroke in condition.strokes if (trace := stroke.channel("shaft_angle_rad")) is not None]
+    if not traces:
+        return Turn(condition.speed_rad_s, None)
+    starts = [angle[t_s <= 0.0].mean() if (t_s <= 0.0).any() else angle[0] for t_s, angle in traces]
+    start = float(np.mean(starts))
+    if not follows_recorded:
+        return Turn(condition.speed_rad_s, start, late_s=late_s)
+    shortest = min((t_s for t_s, _ in traces), key=len)
+    mean = np.mean([np.interp(shortest, t_s, angle) for t_s, angle in traces], axis=0)
+    return Turn(condition.speed_rad_s, start, follow(shortest, mean))
+
+
+def _phases(stroke: Stroke) -> StrokePhases | Refused:
+    fz = stroke.channel("fz_N")
+    if fz is None:
+        return Refused("fz was not recorded")
+    valley, phases = valley_and_phases(*fz)
+    return valley if isinstance(valley, Refused) else phases
+
+
+def _edges(begin_s: float, end_s: float, phases: StrokePhases) -> Floats:
+    """Borders of the bins from `begin_s` to `end_s`, or to shortly before the leg lets go."""
+    touch = max(phases.touchdown_s - BEFORE_TOUCHDOWN_S, BIN_S)
+    loading = phases.touchdown_s + 0.030
+    end = min(max(phases.valley_s, min(phases.lift_off_s, phases.valley_s + 0.5) - BEFORE_LIFT_OFF_S), end_s)
+    pieces = [(begin_s, 0.0, REST_BIN_S), (0.0, touch, BIN_S), (touch, loading, TOUCHDOWN_BIN_S)]
+    pieces += [(loading, phases.valley_s, BIN_S), (phases.valley_s, end, BIN_S)]
+    edges = [_even(a, b, width) for a, b, width in pieces if b - a > 0.5 * width]
+    return np.unique(np.concatenate(edges))
+
+
+def _even(begin: float, end: float, width: float) -> Floats:
+    return np.linspace(begin, end, max(round((end - begin) / width), 1) + 1)
+
+
+def _binned(stroke: Stroke, signal: str, edges: Floats) -> Floats:
+    t_s, values = stroke.channel(signal)  # type: ignore[misc]
+    place = np.searchsorted(edges, t_s, side="right") - 1
+    inside = (place >= 0) & (place < len(edges) - 1)
+    counts = np.bincount(place[inside], minlength=len(edges) - 1)
+    sums = np.bincount(place[inside], values[inside], minlength=len(edges) - 1)
+    return np.asarray(sums / np.maximum(counts, 1))
+
+
+def _scale(t_s: Floats, values: Floats, phase: NDArray[np.str_]) -> Floats:
+    """Size, and change within LATE_S, of a signal; at least a share of its rms in the phase, and of that in the whole stroke."""
+    least = SMALLEST_SCALE * float(np.sqrt(np.mean(values**2)))
+    rms = np.array([np.sqrt(np.mean(values[phase == name] ** 2)) for name in phase])
+    return np.sqrt(values**2 + (LATE_S * np.gradient(values, t_s)) ** 2 + (0.1 * rms) ** 2 + least**2)
+
+
+def _jolt(t_s: Floats, values: Floats, phase: NDArray[np.str_], phases: StrokePhases) -> Floats:
+    """Bounces and stick-slip right after touchdown: as large as the peak there, and dying away. And how the leg swings in the air after
+    the shaft started: there little is felt but what hinges do in their last tenths of a degree.
+    """
+    peak = float(np.abs(values[phase == "touchdown"]).max(initial=0.0))
+    after_s = t_s - phases.touchdown_s
+    bounces = np.where(after_s > -BEFORE_TOUCHDOWN_S, peak * np.exp(-np.maximum(after_s, 0.0) / JOLT_DIES_S), 0.0)
+    swings = np.where(phase == "free", 0.5 * np.ptp(values[phase == "free"]) if (phase == "free").any() else 0.0, 0.0)
+    return np.asarray(JOLT * np.hypot(bounces, swings))
+
+
+def _progress(t_s: Floats, phases: StrokePhases) -> Floats:
+    return (t_s - phases.touchdown_s) / (phases.valley_s - phases.touchdown_s)
+
+
+def _noise(strokes: Sequence[Stroke], signal: str) -> float:
+    """From second differences, which a smooth force leaves alone; the median is deaf to the jumps of a touchdown."""
+    found = [np.median(np.abs(np.diff(s.channel(signal)[1], 2))) / 0.6745 / np.sqrt(6.0) for s in strokes]  # type: ignore[index]
+    return float(np.mean(found)) or 1.0

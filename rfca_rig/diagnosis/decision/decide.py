@@ -1,0 +1,202 @@
+"""From the weighed hypotheses to a verdict: which name may be printed, with what probability, and what it cannot be told from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import expit, logsumexp
+
+from rfca_rig.diagnosis.decision.acceptance import AS_USUAL, ONE_VALUE, acceptance_tests, at_usual_error, describe_strain, left_out
+from rfca_rig.diagnosis.decision.detection_limits import size_parameter, without_effect
+from rfca_rig.diagnosis.inference.forward_selection import CLEARLY_NEEDED
+from rfca_rig.diagnosis.inference.hypotheses import PRIOR_UNKNOWN, Hypothesis, ModelSelectionResult
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, std_of, value_of
+from rfca_rig.diagnosis.likelihood.cross_validation import MAX_LOO_RMS
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import GOOD_FIT
+from rfca_rig.diagnosis.result import Gate, NamedEffect, Rival, Value, Verdict
+from rfca_rig.model.effect import Effect, Parameter
+from rfca_rig.model.parameters import RigModel
+
+AS_GOOD = 3.0  # log evidence within which these data do not tell two effects apart
+SURE = 0.9
+# One standard deviation by which a real cause departs from its law in the catalogue, of its size and of what shapes it: found by
+# concealing effects in an engine whose laws are written otherwise, and to be checked there on other seeds
+LAWS_SIZE, LAWS_SHAPE = 0.03, 0.1
+LARGEST_CLASS = 5
+UNKNOWN = ("unknown",)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The verdict on one body of evidence: the hypothesis that is accepted (nothing missing if none is), and why."""
+
+    verdict: Verdict
+    accepted: Hypothesis
+    effects: tuple[NamedEffect, ...]
+    gates: tuple[Gate, ...]
+    rivals: tuple[Rival, ...]
+    suspected: Hypothesis | None
+    probability_nothing: float
+
+
+def decide(found: ModelSelectionResult, candidates: int) -> Decision:
+    """The verdict; `candidates` is how many effects were looked for.
+
+    Where the likeliest hypothesis fails a gate, the simpler ones inside it are asked: what is surely there keeps its name though a
+    partner is refused.
+    """
+    rivals = _rivals(found)
+    nothing = _probability(rivals, ())
+    best = _simplest(found, candidates)
+    if best is None or nothing > 0.5:
+        gates = _gates_of_nothing(found)
+        verdict: Verdict = "nothing missing" if all(gate.passed for gate in gates) else "unexplained"
+        return Decision(verdict, found.nothing, (), gates, rivals, None, nothing)
+    attempts = [_attempt(found, h, candidates, rivals, nothing) for h in (best, *_inside(found, best))]
+    return next((attempt for attempt in attempts if attempt.verdict == "named"), attempts[0])
+
+
+def _inside(found: ModelSelectionResult, best: Hypothesis) -> list[Hypothesis]:
+    return [h for h in found.named if set(h.ids) < set(best.ids)]
+
+
+def _attempt(found: ModelSelectionResult, best: Hypothesis, candidates: int, rivals: tuple[Rival, ...], nothing: float) -> Decision:
+    """The verdict if this hypothesis is the one."""
+    classes = [_class_of(found, best, number) for number in range(len(best.ids))]
+    probability = _class_probability(rivals, best, classes)
+    gates = (
+        *acceptance_tests(found, best, candidates),
+        Gate("probability", probability >= SURE, f"{probability:.3f} that it is this or one of its class, {SURE:g} needed"),
+        Gate("told apart", max(map(len, classes)) <= LARGEST_CLASS, f"as good are {max(map(len, classes))} others at most"),
+    )
+    if nothing <= 0.1 and all(gate.passed for gate in gates):
+        return Decision("named", best, _named(best, classes, probability, gates), gates, rivals, None, nothing)
+    unproven = nothing > 0.1 or not gates[0].passed
+    adequate = _is_likelier(found, rivals) if unproven else _is_adequate(found)
+    verdict: Verdict = "nothing missing" if adequate and not describe_strain(found.nothing) else "unexplained"
+    return Decision(verdict, found.nothing, (), gates, rivals, best, _nothing_or_unknown(found))
+
+
+def _gates_of_nothing(found: ModelSelectionResult) -> tuple[Gate, ...]:
+    """What a model must stand that no effect makes likelier, before it is said to lack nothing."""
+    strained, apart = describe_strain(found.nothing), _apart(found)
+    foretold = f"conditions are foretold from the others to {apart:.2f} of what a usual model error explains"
+    return (
+        Gate("plausible", not strained, strained or "all values within what is plausible"),
+        Gate("foretells", apart <= MAX_LOO_RMS, foretold),
+    )
+
+
+def _is_likelier(found: ModelSelectionResult, rivals: Sequence[Rival]) -> bool:
+    """Whether the model without effects is likelier than something unlisted, and some explanation."""
+    return _probability(rivals, UNKNOWN) < 0.5 and _apart(found) <= MAX_LOO_RMS
+
+
+def _is_adequate(found: ModelSelectionResult) -> bool:
+    """Whether the model without effects errs no more than models do, in the conditions that it was fitted to and in those left out."""
+    return found.nothing.judgement.error < GOOD_FIT and _apart(found) <= AS_USUAL
+
+
+def _apart(found: ModelSelectionResult) -> float:
+    """How well the model without effects foretells conditions, as `left_out` has it; 0 where they are too few to tell."""
+    apart = left_out(found, found.nothing)
+    return float(apart.mean()) if len(apart) > 2 else 0.0
+
+
+def _nothing_or_unknown(found: ModelSelectionResult) -> float:
+    """The probability of nothing missing where what has a name was refused one: only something unlisted is left beside it."""
+    return float(expit(found.nothing.log_joint - found.unknown.log_evidence - np.log(PRIOR_UNKNOWN)))
+
+
+def _rivals(found: ModelSelectionResult) -> tuple[Rival, ...]:
+    """All hypotheses with their probabilities, most probable first; variants of one effect are one."""
+    joint: dict[tuple[str, ...], list[tuple[float, float, float]]] = {}
+    for h in (found.nothing, *found.named):
+        joint.setdefault(tuple(sorted(h.ids)), []).append((h.log_joint, h.judgement.log_evidence, h.judgement.error))
+    unknown = found.unknown
+    joint[UNKNOWN] = [(unknown.log_evidence + float(np.log(PRIOR_UNKNOWN)), unknown.log_evidence, unknown.error)]
+    logs = {ids: float(logsumexp([entry[0] for entry in entries])) for ids, entries in joint.items()}
+    total = float(logsumexp(list(logs.values())))
+    rivals = [Rival(ids, float(np.exp(logs[ids] - total)), max(entries)[1], max(entries)[2]) for ids, entries in joint.items()]
+    return tuple(sorted(rivals, key=lambda rival: -rival.probability))
+
+
+def _probability(rivals: Sequence[Rival], ids: tuple[str, ...]) -> float:
+    return next((rival.probability for rival in rivals if rival.ids == tuple(sorted(ids))), 0.0)
+
+
+def _simplest(found: ModelSelectionResult, candidates: int) -> Hypothesis | None:
+    """The best hypothesis each of whose members is needed; None where none was fitted.
+
+    A further effect is hardly needed where the model errs no more than usual without it and no nuisance is strained: what it adds may be
+    the law of the first being not quite the real one.
+    """
+    needed = 3.0 + float(np.log(max(candidates, 1)))
+    for hypothesis in found.named:
+        if all(_adds(found, hypothesis, part, needed) for part in found.named if set(part.ids) < set(hypothesis.ids)):
+            return hypothesis
+    return None
+
+
+def _adds(found: ModelSelectionResult, hypothesis: Hypothesis, part: Hypothesis, needed: float) -> bool:
+    """Whether it says so much more than its part."""
+    enough = hypothesis.judgement.log_evidence - part.judgement.log_evidence >= needed
+    if not enough or not part.judgement.fits_well(part.fitted.coordinates.nuisances):
+        return enough
+    return at_usual_error(found, hypothesis) - at_usual_error(found, part) >= CLEARLY_NEEDED
+
+
+def _class_of(found: ModelSelectionResult, best: Hypothesis, number: int) -> tuple[str, ...]:
+    """The effects that could stand in the place of one of the hypothesis's, the others kept."""
+    others = set(best.ids) - {best.ids[number]}
+    in_its_place = [h for h in found.named if len(h.ids) == len(best.ids) and others <= set(h.ids)]
+    good = [h for h in in_its_place if _is_as_good(found, h, best)]
+    return tuple(sorted({name for h in good for name in h.ids} - set(best.ids)))
+
+
+def _is_as_good(found: ModelSelectionResult, rival: Hypothesis, best: Hypothesis) -> bool:
+    """Whether these data do not tell them apart, or would not if the model erred by as much as models do."""
+    behind = best.judgement.log_evidence - rival.judgement.log_evidence
+    return min(behind, at_usual_error(found, best) - at_usual_error(found, rival)) < AS_GOOD
+
+
+def _class_probability(rivals: Sequence[Rival], best: Hypothesis, classes: Sequence[tuple[str, ...]]) -> float:
+    """That each place is taken by the name or one of its class; larger hypotheses that hold them agree with it."""
+    allowed = [{name, *others} for name, others in zip(best.ids, classes, strict=True)]
+    return sum(r.probability for r in rivals if len(r.ids) >= len(best.ids) and all(set(r.ids) & names for names in allowed))
+
+
+def _named(best: Hypothesis, classes: Sequence[tuple[str, ...]], probability: float, gates: Sequence[Gate]) -> tuple[NamedEffect, ...]:
+    varies = "; ".join(gate.found for gate in gates if gate.name.startswith(ONE_VALUE))
+    choices = best.fitted.coordinates.choices
+    return tuple(
+        NamedEffect(
+            id=choice.effect.id,
+            left_out=choice.effect.left_out,
+            probability=min(probability, 0.999),
+            parameters=values_of(best, number),
+            cannot_tell_from=others,
+            wording=f"all gates passed; {varies}",
+        )
+        for number, (choice, others) in enumerate(zip(choices, classes, strict=True))
+    )
+
+
+def values_of(hypothesis: Hypothesis, number: int) -> dict[str, Value]:
+    """Values and standard deviations of one effect's parameters, with what the law itself leaves open."""
+    coordinates, posterior = hypothesis.fitted.coordinates, hypothesis.judgement.posterior
+    choice: EffectTerm = coordinates.choices[number]
+    std = np.sqrt(np.diag(posterior.covariance))[coordinates.part(number)]
+    free = zip(choice.free, posterior.mean[coordinates.part(number)], std, strict=True)
+    rig = coordinates.space.centre.rig
+    found = {p.name: _value(choice.effect, p, rig, float(z), float(s)) for p, z, s in free if p not in choice.effect.begins}
+    return {name: Value(value, 0.0) for name, value in choice.whole} | found
+
+
+def _value(effect: Effect, parameter: Parameter, rig: RigModel, z: float, std_z: float) -> Value:
+    value, std = value_of(parameter, z), std_of(parameter, z, std_z)
+    if effect.where == "drive":  # both gains of a loop are sizes
+        return Value(value, float(np.hypot(std, LAWS_SIZE * value)))
+    is_size = parameter == size_parameter(effect)
+    open_by = LAWS_SIZE * abs(value - without_effect(effect, rig)) if is_size else LAWS_SHAPE * abs(value)
+    return Value(value, float(np.hypot(std, open_by)))

@@ -1,0 +1,94 @@
+"""The hypotheses that a search leaves, each with its evidence and prior probability."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+
+from rfca_rig.diagnosis.data.dataset import Dataset
+from rfca_rig.diagnosis.inference.forward_selection import ids_of
+from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
+from rfca_rig.diagnosis.inference.screening import EffectProbe, terms_of
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import IMPLAUSIBLE, MarginalLikelihood, MarginalPosterior
+from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter
+
+Floats = NDArray[np.float64]
+
+PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO = 0.5, 0.1, 0.3, 0.1
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One answer: the ids of its effects, none for nothing missing; where it fits best, how well, and log prior probability."""
+
+    ids: tuple[str, ...]
+    fitted: MapFit
+    judgement: MarginalPosterior
+    log_prior: float
+
+    @property
+    def log_joint(self) -> float:
+        """Log of prior times evidence."""
+        return self.judgement.log_evidence + self.log_prior
+
+    @property
+    def rows(self) -> Floats:
+        """What it says of every row, at its posterior mean."""
+        return self.fitted.predicted + self.fitted.jacobian @ (self.judgement.posterior.mean - self.fitted.x)
+
+
+@dataclass(frozen=True)
+class ModelSelectionResult:
+    """Everything that the search leaves: the model as `believed`, `nothing` missing with all nuisances free, `unknown` (nothing named, a
+    large error), and the hypotheses that name something, most plausible first.
+    """
+
+    believed: MapFit
+    nothing: Hypothesis
+    unknown: MarginalPosterior
+    named: tuple[Hypothesis, ...]
+    trials: tuple[EffectProbe, ...]
+    scatter: Scatter
+    judge: MarginalLikelihood
+    evidence: Dataset
+
+
+def weigh_models(descent: GaussNewton, base: MapFit, fits: Sequence[MapFit], effects: int) -> tuple[Hypothesis, tuple[Hypothesis, ...]]:
+    """Nothing missing, and the fits that name something, most plausible first, of a catalogue with so many `effects`."""
+    nothing = Hypothesis((), base, descent.evaluate(base), float(np.log(PRIOR_NOTHING)))
+    named = [Hypothesis(ids_of(fitted), fitted, descent.evaluate(fitted), _log_prior(fitted, effects)) for fitted in fits]
+    believable = [_as_believable(hypothesis, named) for hypothesis in named]
+    return _as_believable(nothing, named), tuple(sorted(believable, key=lambda hypothesis: -hypothesis.log_joint))
+
+
+def _as_believable(hypothesis: Hypothesis, named: Sequence[Hypothesis]) -> Hypothesis:
+    """The hypothesis without what only a value explains that nobody believes, where one of `named` says the very same by an effect.
+
+    The prior of a believed value ends where it is implausible; what is left of the evidence is the share of the posterior within. Six
+    times the believed damping is not well-known hinges, but more damping than believed.
+    """
+    implausible = max((_log_beyond(hypothesis, wider) for wider in named), default=0.0)
+    judgement = hypothesis.judgement
+    return replace(hypothesis, judgement=replace(judgement, log_evidence=judgement.log_evidence - implausible))
+
+
+def _log_beyond(hypothesis: Hypothesis, wider: Hypothesis) -> float:
+    """Minus the log of the share of the posterior that is plausible, of the believed value that the wider one's other effect stands for."""
+    more = [choice.effect.same_as for choice in wider.fitted.coordinates.choices if choice.effect.id not in hypothesis.ids]
+    names, posterior = hypothesis.fitted.coordinates.space.names, hypothesis.judgement.posterior
+    is_wider = set(hypothesis.ids) < set(wider.ids) and len(more) == 1 and more[0] in names
+    if not is_wider or wider.judgement.farthest(wider.fitted.coordinates.nuisances) > IMPLAUSIBLE:
+        return 0.0
+    place = names.index(more[0])
+    std = float(np.sqrt(posterior.covariance[place, place]))
+    return -float(log_ndtr((IMPLAUSIBLE - abs(posterior.mean[place])) / std))
+
+
+def _log_prior(fitted: MapFit, effects: int) -> float:
+    """Each number of effects has its share, spread evenly; so is what an effect counts, as which hinge."""
+    choices = fitted.coordinates.choices
+    share = PRIOR_ONE / effects if len(choices) == 1 else PRIOR_TWO / (0.5 * effects * (effects - 1))
+    variants = np.prod([len(terms_of(choice.effect)) for choice in choices])
+    return float(np.log(share / variants))

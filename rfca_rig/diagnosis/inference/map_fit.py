@@ -1,0 +1,231 @@
+"""The best point of one hypothesis: damped Gauss-Newton, its slopes renewed only as far as they change.
+
+A hypothesis far from the data is judged by a wide model error, which shrinks as the fit improves: otherwise rows that no value could
+explain would drive the nuisances to the ends of their priors.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.data.dataset import Dataset
+from rfca_rig.diagnosis.inference.parameterization import FARTHEST, Parameterization
+from rfca_rig.diagnosis.likelihood.covariance import AtError, Whitening
+from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, MarginalPosterior, make_marginal_likelihood
+
+Floats = NDArray[np.float64]
+
+STEP = 0.1  # of a prior deviation, where a slope is not known at all
+WELL_SEEN = 4.0  # deviations of the rows together, by which a difference should move them: touchdown, stick and slip make the model rough
+NARROWEST, WIDEST = 0.03, 0.7  # prior deviations
+SLOPES_ERR = 0.3  # of their size, after some steps
+ROUGH = 1.0  # deviations of the rows together, by which the model jumps from one place to the next
+ROUNDS = 8
+LEVELS = 5
+POLISHED = 4
+SHORTER, SHORTEST = 0.4, 0.02  # of the way, after a step that did not help
+CONVERGED = 0.5  # of the log posterior density, about how rough the model is
+ALIKE = 0.995  # cosine of two slopes in units of noise
+GOOD_ENOUGH = 0.02  # of the log posterior density
+
+
+@dataclass(frozen=True, eq=False)
+class MapFit:
+    """A hypothesis at its best point: x (p,), the model's rows there (m,), its slope (m, p), and about how many deviations long each
+    column of that is, `size` (p,). Equal to none but itself.
+    """
+
+    coordinates: Parameterization
+    x: Floats
+    predicted: Floats
+    jacobian: Floats
+    size: Floats
+
+    @property
+    def farthest(self) -> float:
+        """How many prior deviations off the nuisance stands that is farthest from where it is believed."""
+        return float(np.abs(self.x[: self.coordinates.nuisances]).max())
+
+    @property
+    def as_believed(self) -> Floats:
+        """x with its effects as they stand and its nuisances as believed, (p,)."""
+        nuisances = self.coordinates.nuisances
+        return np.concatenate([np.zeros(nuisances), self.x[nuisances:]])
+
+    def linear(self, measured: Floats) -> Linear:
+        """The hypothesis as a linear model."""
+        return Linear(measured - self.predicted + self.jacobian @ self.x, self.jacobian)
+
+
+@dataclass(frozen=True)
+class GaussNewton:
+    """What all descents share."""
+
+    evidence: Dataset
+    judge: MarginalLikelihood
+    _judgements: WeakKeyDictionary[MapFit, MarginalPosterior] = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False, compare=False
+    )
+
+    def at(self, coordinates: Parameterization, x: Floats, known_slope: Floats | None = None) -> MapFit | None:
+        """The hypothesis at x; None where the model has no answer. The first slopes are taken over from `known_slope`."""
+        predicted = self.evidence.predicted(coordinates.supposed(x))
+        if predicted is None:
+            return None
+        left = np.empty((len(predicted), 0)) if known_slope is None else known_slope
+        columns = self._columns(coordinates, x, predicted, dict.fromkeys(range(left.shape[1], coordinates.size), STEP))
+        return self._fitted(coordinates, x, predicted, np.column_stack([left, *columns]))
+
+    def _fitted(self, coordinates: Parameterization, x: Floats, predicted: Floats, jacobian: Floats) -> MapFit:
+        size = np.linalg.norm(self.judge.usual(jacobian), axis=0)
+        return MapFit(coordinates, x, predicted, self._aligned(coordinates, jacobian), size)
+
+    def refine(self, start: MapFit, levels: int = LEVELS, rounds: int = ROUNDS) -> MapFit:
+        """From `start` down until nothing more is gained, at one model error after the other."""
+        here, last = start, np.inf
+        for _ in range(levels):
+            whitening = self.judge.level(here.linear(self.evidence.rows.measured))
+            if whitening.s == last:
+                break
+            here, last = self._down(here, whitening, rounds), whitening.s
+        return here
+
+    def converge(self, found: MapFit, rounds: int = POLISHED) -> MapFit:
+        """All slopes anew at the point found, and down once more, until that no longer helps."""
+        here = found
+        for _ in range(rounds):
+            before, here = here, self.refine(self._with_new_slopes(here))
+            whitening = self.judge.level(here.linear(self.evidence.rows.measured))
+            if self.misfit(before.x, before.predicted, whitening) - self.misfit(here.x, here.predicted, whitening) < CONVERGED:
+                break
+        return here
+
+    def _with_new_slopes(self, here: MapFit) -> MapFit:
+        columns = self._columns(here.coordinates, here.x, here.predicted, dict(enumerate(_widths(here.size))))
+        return self._fitted(here.coordinates, here.x, here.predicted, np.column_stack(columns))
+
+    def _down(self, here: MapFit, whitening: AtError, rounds: int) -> MapFit:
+        """Steps towards the goal of the linear model, shorter after each that did not help; those teach the slopes, too."""
+        share = 1.0
+        for _ in range(rounds):
+            goal = _goal(here.linear(self.evidence.rows.measured), whitening)
+            before = self.misfit(here.x, here.predicted, whitening)
+            if before - self.misfit(goal, here.predicted + here.jacobian @ (goal - here.x), whitening) < GOOD_ENOUGH:
+                return here
+            x = here.x + share * (goal - here.x)
+            predicted = self.evidence.predicted(here.coordinates.supposed(x))
+            gained = -np.inf if predicted is None else before - self.misfit(x, predicted, whitening)
+            if predicted is not None:
+                here = self._learnt(here, x, predicted) if gained <= 0.0 else self._renewed(here, x, predicted)
+            if 0.0 < gained < GOOD_ENOUGH:
+                return here
+            share = min(1.0, 2.0 * share) if gained > 0.0 else SHORTER * share
+            if share < SHORTEST:
+                return here
+        return here
+
+    def evaluate(self, found: MapFit) -> MarginalPosterior:
+        """How likely the recordings are with the hypothesis as it stands; what only its slopes promise, and no step found, does not count.
+
+        A slope across a kink, as of a stop that no hinge reaches, promises much.
+        """
+        if (known := self._judgements.get(found)) is None:
+            known = self._judgements[found] = self._judged(found)
+        return known
+
+    def _judged(self, found: MapFit) -> MarginalPosterior:
+        linear = found.linear(self.evidence.rows.measured)
+        judgement = self.judge.evaluate(linear)
+        mean, whitening = judgement.posterior.mean, judgement.whitening
+        promised = self.misfit(mean, found.predicted + found.jacobian @ (mean - found.x), whitening)
+        missing = self.misfit(found.x, found.predicted, whitening) - promised
+        return replace(judgement, log_evidence=judgement.log_evidence - max(missing, 0.0))
+
+    def evaluate_unlisted(self, found: MapFit) -> MarginalPosterior:
+        """How likely they are with something unlisted beside the hypothesis."""
+        return self.judge.evaluate_unknown(found.linear(self.evidence.rows.measured))
+
+    def log_evidence(self, found: MapFit) -> float:
+        """That of the judgement."""
+        return self.evaluate(found).log_evidence
+
+    def misfit(self, x: Floats, predicted: Floats, whitening: Whitening) -> float:
+        """Minus the log posterior density at x, but for a constant."""
+        rest = whitening(self.evidence.rows.measured - predicted)
+        return 0.5 * float(rest @ rest + x @ x)
+
+    def _learnt(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
+        """Slopes that agree better with what the model said at x, each changed in proportion to how wrong it may be.
+
+        As a Kalman filter has it, with slopes known to SLOPES_ERR of their size and a model as rough as ROUGH.
+        """
+        step = x - here.x
+        surprise = predicted - here.predicted - here.jacobian @ step
+        wrong = step * (SLOPES_ERR * here.size) ** 2
+        jacobian = here.jacobian + np.outer(surprise, wrong / (float(step @ wrong) + ROUGH**2))
+        return replace(here, jacobian=self._aligned(here.coordinates, jacobian))
+
+    def _renewed(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
+        """At x, all slopes updated, those of the effects' parameters by differences."""
+        jacobian = self._learnt(here, x, predicted).jacobian
+        of_effects = dict(list(enumerate(_widths(here.size)))[here.coordinates.nuisances :])
+        for i, column in zip(of_effects, self._columns(here.coordinates, x, predicted, of_effects), strict=True):
+            jacobian[:, i] = column
+        return replace(here, x=x, predicted=predicted, jacobian=self._aligned(here.coordinates, jacobian))
+
+    def _aligned(self, coordinates: Parameterization, jacobian: Floats) -> Floats:
+        """Nuisances that do the same as an effect, as a rack's height, or all but the same, made to do just that.
+
+        Their slopes are differences over other steps; the data must not seem to tell apart what only the prior does.
+        """
+        size = jacobian / self.evidence.rows.noise[:, None]
+        norm = np.maximum(np.linalg.norm(size, axis=0), 1e-300)
+        same = coordinates.same_as
+        for effect in range(coordinates.nuisances, coordinates.size):
+            for nuisance in range(coordinates.nuisances):
+                alike = float(size[:, effect] @ size[:, nuisance]) / (norm[effect] * norm[nuisance])
+                if abs(alike) > ALIKE or same[effect - coordinates.nuisances] == coordinates.space.names[nuisance]:
+                    jacobian[:, nuisance] = jacobian[:, effect] * alike * norm[nuisance] / norm[effect]
+        return jacobian
+
+    def _columns(self, coordinates: Parameterization, x: Floats, predicted: Floats, widths: Mapping[int, float]) -> list[Floats]:
+        """The slopes of these unknowns by differences of these widths, towards the middle of the prior; away from it where the model has
+        no answer there, and zero where it has none on either side.
+        """
+        inwards = {i: -width if x[i] > 0.0 else width for i, width in widths.items()}
+        found = self._moved(coordinates, x, inwards)
+        outwards = {i: -step for i, step in inwards.items() if found[i] is None}
+        found, steps = found | self._moved(coordinates, x, outwards), inwards | outwards
+        return [np.zeros(len(predicted)) if (rows := found[i]) is None else (rows - predicted) / steps[i] for i in widths]
+
+    def _moved(self, coordinates: Parameterization, x: Floats, steps: Mapping[int, float]) -> dict[int, Floats | None]:
+        """The model's rows a step away from x, by the unknown that is moved."""
+        places = [coordinates.supposed(np.where(np.arange(len(x)) == i, x + step, x)) for i, step in steps.items()]
+        return dict(zip(steps, self.evidence.predicted_all(places), strict=True))
+
+
+def without_scatter(evidence: Dataset) -> GaussNewton:
+    """The descent while nothing is known of what scatters from stroke to stroke: that is left to the model's error."""
+    return GaussNewton(evidence, make_marginal_likelihood(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+
+
+def _widths(size: Floats) -> Floats:
+    """Differences that stand well above the roughness of the model, and are no wider than that takes."""
+    return np.asarray(np.clip(WELL_SEEN / np.maximum(size, 1e-300), NARROWEST, WIDEST))
+
+
+def _goal(linear: Linear, whitening: Whitening) -> Floats:
+    """The posterior mean within the bounds: what would leave them is held there, and the others found anew."""
+    x, free = laplace_posterior(linear, whitening).mean, np.ones(linear.jacobian.shape[1], dtype=bool)
+    while np.any(np.abs(x[free]) > FARTHEST):
+        free &= np.abs(x) <= FARTHEST
+        x = np.clip(x, -FARTHEST, FARTHEST)
+        if not free.any():
+            break
+        rest = Linear(linear.target - linear.jacobian[:, ~free] @ x[~free], linear.jacobian[:, free])
+        x[free] = laplace_posterior(rest, whitening).mean
+    return np.clip(x, -FARTHEST, FARTHEST)

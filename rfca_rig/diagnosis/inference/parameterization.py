@@ -1,0 +1,102 @@
+"""Every unknown as a number that is standard normal before the data: nuisances, and the parameters of effects.
+
+A nuisance counts the standard deviations by which it is off. A parameter of an effect that is positive over more than an octave is
+log-uniform between its plausible bounds, any other normal about their middle with a quarter of their distance; both are mapped, so
+that one step length, one prior and one test for "on a bound" suit all.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+from rfca_rig.analysis.fitting.parameters import Space, Supposed
+from rfca_rig.model.effect import Effect, Parameter
+from rfca_rig.model.parameters import PresentEffect
+
+Floats = NDArray[np.float64]
+
+FARTHEST = 4.0
+OCTAVE = 2.0
+
+
+def value_of(parameter: Parameter, z: float) -> float:
+    """The parameter's value at the standard normal coordinate z."""
+    low, high = parameter.low, parameter.high
+    if _is_scale(parameter):
+        return float(low * (high / low) ** ndtr(z))
+    return 0.5 * (low + high) + 0.25 * (high - low) * z
+
+
+def coordinate_of(parameter: Parameter, value: float) -> float:
+    """The standard normal coordinate of a value; those beyond the bounds of a log-uniform one are taken back to 4 deviations."""
+    low, high = parameter.low, parameter.high
+    if _is_scale(parameter):
+        share = np.log(max(value, 1e-300) / low) / np.log(high / low)
+        return float(np.clip(ndtri(np.clip(share, 1e-12, 1.0 - 1e-12)), -FARTHEST, FARTHEST))
+    return (value - 0.5 * (low + high)) / (0.25 * (high - low))
+
+
+def std_of(parameter: Parameter, z: float, std_z: float) -> float:
+    """A standard deviation of z in the parameter's unit: half the distance between the values one deviation up and down."""
+    return 0.5 * abs(value_of(parameter, z + std_z) - value_of(parameter, z - std_z))
+
+
+def _is_scale(parameter: Parameter) -> bool:
+    return parameter.low > 0.0 and parameter.high / parameter.low > OCTAVE
+
+
+@dataclass(frozen=True)
+class EffectTerm:
+    """One effect as a hypothesis has it: `whole` gives the parameters that count something, all others are free, as is how it begins."""
+
+    effect: Effect
+    whole: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def free(self) -> tuple[Parameter, ...]:
+        """The parameters that are fitted."""
+        return (*(parameter for parameter in self.effect.parameters if not parameter.whole), *self.effect.begins)
+
+    def present(self, z: Floats) -> PresentEffect:
+        """The effect at the coordinates z of its free parameters."""
+        found = dict(self.whole) | {p.name: value_of(p, float(x)) for p, x in zip(self.free, z, strict=True)}
+        return PresentEffect(self.effect.id, tuple((p.name, found[p.name]) for p in (*self.effect.parameters, *self.effect.begins)))
+
+
+@dataclass(frozen=True)
+class Parameterization:
+    """The unknowns of one hypothesis: first the nuisances of `space`, then the free parameters of each choice."""
+
+    space: Space
+    choices: tuple[EffectTerm, ...] = ()
+
+    @property
+    def nuisances(self) -> int:
+        return len(self.space.std)
+
+    @property
+    def size(self) -> int:
+        return self.nuisances + sum(len(choice.free) for choice in self.choices)
+
+    @property
+    def same_as(self) -> list[str]:
+        """For each parameter of the choices the nuisance that does just the same, empty where there is none."""
+        return [choice.effect.same_as for choice in self.choices for _ in choice.free]
+
+    def part(self, number: int) -> slice:
+        """Where the parameters of a choice stand."""
+        begin = self.nuisances + sum(len(choice.free) for choice in self.choices[:number])
+        return slice(begin, begin + len(self.choices[number].free))
+
+    def supposed(self, x: Floats) -> Supposed:
+        """What is supposed at x."""
+        supposed = self.space.at(x[: self.nuisances])
+        effects = tuple(choice.present(x[self.part(i)]) for i, choice in enumerate(self.choices))
+        return replace(supposed, rig=replace(supposed.rig, effects=(*supposed.rig.effects, *effects)))
+
+    def with_terms(self, choices: Sequence[EffectTerm]) -> "Parameterization":
+        """The same nuisances with other effects."""
+        return replace(self, choices=tuple(choices))

@@ -1,0 +1,113 @@
+"""A first look at every effect: what it would do to the rows at some sizes, and how much of the misfit that could take away."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.data.dataset import Dataset
+from rfca_rig.diagnosis.inference.map_fit import MapFit
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, coordinate_of
+from rfca_rig.diagnosis.likelihood.covariance import Whitening
+from rfca_rig.model.effect import Effect, Parameter
+
+Floats = NDArray[np.float64]
+
+ALONE = (-1.4, -0.5, 0.5, 1.4)
+TOGETHER = (-1.1, 0.0, 1.1)
+OF_THREE = (-1.0, 0.8)
+SIGNED_SHARES = (-0.6, -0.15, 0.15, 0.6)
+RESCALED = 3.0  # a signature may be this much too small and still be a start; one too large is, too: its shape tells
+
+
+@dataclass(frozen=True)
+class EffectProbe:
+    """One effect at one place: coordinates z of its free parameters, and its signature there (m,), in the signals' units."""
+
+    choice: EffectTerm
+    z: Floats
+    signature: Floats
+
+
+def terms_of(effect: Effect) -> tuple[EffectTerm, ...]:
+    """The effect, once for every value of what it counts."""
+    whole = [parameter for parameter in effect.parameters if parameter.whole]
+    values = [[(p.name, float(v)) for v in range(int(p.low), int(p.high) + 1)] for p in whole]
+    return tuple(EffectTerm(effect, tuple(combination)) for combination in product(*values))
+
+
+def probe_effects(evidence: Dataset, base: MapFit, choices: Sequence[EffectTerm]) -> list[EffectProbe]:
+    """All choices over a coarse grid of their parameters, on top of what `base` has already; those without an answer are left out."""
+    points = [(choice, z) for choice in choices for z in grid_of(choice)]
+    coordinates = base.coordinates
+    supposed = []
+    for choice, z in points:
+        wider = coordinates.with_terms((*coordinates.choices, choice))
+        supposed.append(wider.supposed(np.concatenate([base.x, z])))
+    found = evidence.predicted_all(supposed)
+    return [EffectProbe(c, z, there - base.predicted) for (c, z), there in zip(points, found, strict=True) if there is not None]
+
+
+def grid_of(choice: EffectTerm) -> list[Floats]:
+    """The places where a choice is tried, each (p,): what the effect says itself, or a coarse grid; all at rest."""
+    free = [parameter for parameter in choice.effect.parameters if not parameter.whole]
+    at_rest = (0.0,) * len(choice.effect.begins)
+    if choice.whole:
+        return [np.full(len(free), 0.3)]
+    usual = TOGETHER if len(free) == 2 else OF_THREE
+    starts = [_alone(free[0])] if len(free) == 1 else [_starts(parameter) or usual for parameter in free]
+    return [np.array((*point, *at_rest)) for point in product(*starts)]
+
+
+def _starts(parameter: Parameter) -> tuple[float, ...]:
+    return tuple(coordinate_of(parameter, value) for value in parameter.starts)
+
+
+def _alone(parameter: Parameter) -> tuple[float, ...]:
+    """Both signs of one that has two; for one about a value that changes nothing, as a gain, both sides of it."""
+    if parameter.low < 0.0 < parameter.high or parameter.high / max(parameter.low, 1e-300) <= 2.0:
+        return tuple(4.0 * share * 0.5 for share in SIGNED_SHARES)
+    return ALONE
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Whitened residual space of a fitted hypothesis, nuisances taken out as far as their prior lets them move."""
+
+    whitening: Whitening
+    jacobian: Floats
+    inverse: Floats
+    residual: Floats
+
+    def through(self, whitened: Floats) -> Floats:
+        """What of a whitened vector the nuisances cannot take up."""
+        return whitened - self.jacobian @ (self.inverse @ (self.jacobian.T @ whitened))
+
+    def power(self, signature: Floats) -> float:
+        """Squared size of a signature beyond noise, scatter, model error and nuisances."""
+        white = self.whitening(signature)
+        return float(white @ self.through(white))
+
+    def gain(self, signature: Floats) -> tuple[float, float]:
+        """(chi2 that it could take away, factor by which it would have to be scaled for that)."""
+        white = self.whitening(signature)
+        return self.gain_inside(white, self.through(white))
+
+    def gain_inside(self, white: Floats, inside: Floats) -> tuple[float, float]:
+        """The same of a signature that is whitened, and taken through, already."""
+        power, match = float(white @ inside), float(white @ self.residual)
+        if power <= 0.0:
+            return 0.0, 1.0
+        factor = float(np.clip(match / power, 0.0, RESCALED))
+        return 2.0 * factor * match - factor**2 * power, factor
+
+
+def projection_of(base: MapFit, measured: Floats, whitening: Whitening) -> Projection:
+    """The space around `base`; its residual counts from where the prior puts the nuisances' best linear correction."""
+    jacobian = whitening(base.jacobian)
+    inverse = np.asarray(np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1])), dtype=np.float64)
+    linear = base.linear(measured)
+    residual = whitening(linear.target)
+    return Projection(whitening, jacobian, inverse, residual - jacobian @ (inverse @ (jacobian.T @ residual)))

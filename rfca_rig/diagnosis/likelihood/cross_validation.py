@@ -1,0 +1,51 @@
+"""What a hypothesis foretells of each condition when it is fitted to the others.
+
+With P the inverse covariance of all rows, what the rows o add to what the others say is normal with precision P_oo about what the
+others foretell of them. So the information of the others is J^T P J - (P J)_o^T P_oo^-1 (P J)_o, and no covariance but P is needed.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from rfca_rig.diagnosis.data.observations import Observations
+from rfca_rig.diagnosis.likelihood.covariance import AtError
+from rfca_rig.diagnosis.likelihood.laplace import Linear
+
+Floats = NDArray[np.float64]
+
+MAX_LOO_RMS = 1.5  # usual model errors, beyond which what foretells conditions to no better is no explanation
+
+
+def loo_residuals(linear: Linear, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
+    """Measured less foretold (m,), row by row in the signals' units, each condition of `left_out` foretold from all other rows.
+
+    Rows of other conditions are 0.
+    """
+    both, unknowns = np.column_stack([linear.jacobian, linear.target]), linear.jacobian.shape[1]
+    weigh_models = whitening.weigh_models(both)
+    apart = np.zeros(len(linear.target))
+    for number in left_out:
+        out = condition == number
+        others, _ = products_without(both, weigh_models, whitening, out)
+        mean = np.linalg.solve(others[:unknowns, :unknowns] + np.eye(unknowns), others[:unknowns, unknowns])
+        apart[out] = linear.target[out] - linear.jacobian[out] @ mean
+    return apart
+
+
+def products_without(both: Floats, weigh_models: Floats, whitening: AtError, out: NDArray[np.bool_]) -> tuple[Floats, float]:
+    """Products (k, k) of columns `both` (m, k) under the covariance of all rows but those `out`, and the log of its determinant; `weighed`
+    are the columns weighed by the inverse covariance of all rows.
+    """
+    own = cho_factor(whitening.precision(out), check_finite=False)
+    taken = weigh_models[out].T @ cho_solve(own, weigh_models[out], check_finite=False)
+    return both.T @ weigh_models - taken, whitening.log_det + 2.0 * float(np.log(np.diag(own[0])).sum())
+
+
+def loo_rms(linear: Linear, usual: AtError, rows: Observations) -> Floats:
+    """Rms of each condition's misfit in units of noise and usual model error, when it is foretold from all others, (conditions,)."""
+    numbers = range(int(rows.condition.max()) + 1)
+    apart = loo_residuals(linear, usual, rows.condition, numbers) / np.sqrt(usual.variance())
+    return np.array([np.sqrt(np.mean(apart[rows.condition == number] ** 2)) for number in numbers])

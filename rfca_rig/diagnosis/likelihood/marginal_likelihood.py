@@ -1,0 +1,83 @@
+"""How likely the recordings are under one hypothesis, with the size of the model's own error integrated out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from rfca_rig.diagnosis.data.observations import Observations
+from rfca_rig.diagnosis.likelihood.covariance import AtError, basis_of
+from rfca_rig.diagnosis.likelihood.laplace import Linear, Posterior, laplace_posteriors
+
+Floats = NDArray[np.float64]
+
+USUAL_ERROR = 0.01  # half-normal size of the error of a model that lacks nothing, as a share of the signal
+NAMED_ERRORS = (0.005, 0.0075, 0.01, 0.015, 0.02, 0.03)  # below the first no real leg and model agree
+UNKNOWN_ERRORS = (0.03, 0.045, 0.07, 0.12, 0.2, 0.35, 0.6)  # log-uniform: something that nobody listed
+GOOD_FIT = 0.011  # a model error that leaves next to nothing to be explained
+STRAINED, IMPLAUSIBLE = 2.5, 3.5  # prior deviations of a nuisance: somebody else may do its work; no value that is believed
+
+
+@dataclass(frozen=True)
+class MarginalPosterior:
+    """Log evidence, the model error s that goes with it (mean), and the posterior at the likeliest s, the usual one at least: that this
+    model should err less than others is no knowledge to narrow an interval with.
+    """
+
+    log_evidence: float
+    error: float
+    posterior: Posterior
+    whitening: AtError
+
+    def farthest(self, nuisances: int) -> float:
+        """How many deviations off the nuisance is that is farthest from where it is believed."""
+        return float(np.abs(self.posterior.mean[:nuisances]).max())
+
+    def fits_well(self, nuisances: int) -> bool:
+        """Whether the hypothesis leaves no more than a good model does, all nuisances near where they are believed."""
+        return self.error < GOOD_FIT and self.farthest(nuisances) < STRAINED
+
+
+@dataclass(frozen=True)
+class MarginalLikelihood:
+    """Whitenings over the plausible errors of a model that lacks nothing, and of one that something unlisted is missing from."""
+
+    named: tuple[AtError, ...]
+    unknown: tuple[AtError, ...]
+
+    def evaluate(self, linear: Linear, extra_directions: Floats | None = None) -> MarginalPosterior:
+        """The hypothesis whose linear model this is, as if nothing else were missing; `loose` as in `linear.posterior_of`."""
+        half_normal = np.log(np.gradient(NAMED_ERRORS)) - 0.5 * (np.array(NAMED_ERRORS) / USUAL_ERROR) ** 2
+        return _integrated(self.named, half_normal - logsumexp(half_normal), linear, extra_directions)
+
+    def evaluate_unknown(self, linear: Linear) -> MarginalPosterior:
+        """The same with something unlisted in it."""
+        return _integrated(self.unknown, np.full(len(self.unknown), -np.log(len(self.unknown))), linear, None)
+
+    def level(self, linear: Linear) -> AtError:
+        """The whitening under which this linear model is likeliest, the usual one at least: what its misfit really is."""
+        every = [whitening for whitening in (*self.named, *self.unknown[1:]) if whitening.s >= USUAL_ERROR]
+        logs = [posterior.log_evidence for posterior in laplace_posteriors(linear, every)]
+        return every[int(np.argmax(logs))]
+
+    @property
+    def usual(self) -> AtError:
+        """The whitening at the usual model error."""
+        return min(self.named, key=lambda whitening: abs(whitening.s - USUAL_ERROR))
+
+
+def make_marginal_likelihood(rows: Observations, scatter: Floats) -> MarginalLikelihood:
+    """The judge of these rows; `scatter` (m, k) as B in `covariance`."""
+    basis = basis_of(rows, scatter)
+    return MarginalLikelihood(tuple(AtError(basis, s) for s in NAMED_ERRORS), tuple(AtError(basis, s) for s in UNKNOWN_ERRORS))
+
+
+def _integrated(whitenings: tuple[AtError, ...], log_weights: Floats, linear: Linear, extra_directions: Floats | None) -> MarginalPosterior:
+    found = laplace_posteriors(linear, whitenings, extra_directions)
+    logs = np.array([posterior.log_evidence for posterior in found]) + log_weights
+    total = float(logsumexp(logs))
+    least = next(i for i, whitening in enumerate(whitenings) if whitening.s >= USUAL_ERROR)
+    at = max(int(np.argmax(logs)), least)
+    error = float(np.exp(logs - total) @ np.array([whitening.s for whitening in whitenings]))
+    return MarginalPosterior(total, error, found[at], whitenings[at])

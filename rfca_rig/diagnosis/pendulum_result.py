@@ -1,0 +1,140 @@
+"""The verdict on a pendulum with the figures beside it. What only a leg has, as valleys, stays empty."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.campaign.pendulum import PendulumCampaign
+from rfca_rig.diagnosis.data.observations import rms
+from rfca_rig.diagnosis.data.pendulum_windows import BIN_S, WINDOW_S
+from rfca_rig.diagnosis.decision.decide import Decision
+from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
+from rfca_rig.diagnosis.inference.hypotheses import PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN, Hypothesis, ModelSelectionResult
+from rfca_rig.diagnosis.inference.screening import projection_of
+from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, NotSeen, Overlay, Value, Verdict
+from rfca_rig.diagnosis.result_builder import present_effects
+from rfca_rig.model.effect import Effect
+
+Floats = NDArray[np.float64]
+
+FEWEST_STRETCHES = 3
+
+
+def build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decision: Decision, effects: Sequence[Effect]) -> Diagnosis:
+    """The whole answer."""
+    verdict: Verdict = decision.verdict if len(found.evidence.parts) >= FEWEST_STRETCHES else "not enough data"
+    accepted = decision.accepted if verdict == "named" else found.nothing
+    supposed = accepted.fitted.coordinates.supposed(accepted.judgement.posterior.mean)
+    return Diagnosis(
+        title=campaign.title,
+        verdict=verdict,
+        sentence=_sentence(verdict, decision, len(found.evidence.parts)),
+        located=(),
+        cells=(),
+        effects=decision.effects if verdict == "named" else (),
+        gates=decision.gates,
+        rivals=decision.rivals[:12],
+        not_seen=_not_seen(found, accepted, effects),
+        fit=_fit(found, accepted),
+        held_out=_held_out(found, accepted),
+        valley={},
+        unexplained=_unexplained(verdict, decision),
+        remarks=(),
+        next_experiment=None,
+        believed_values=_values(accepted),
+        overlays=_overlays(found, accepted),
+        settings=_settings(found, effects),
+        found_effects=present_effects(accepted),
+        found_rig=supposed.rig,
+    )
+
+
+def _sentence(verdict: Verdict, decision: Decision, stretches: int) -> str:
+    if verdict == "named":
+        what = " and ".join(f"{effect.left_out} ({effect.id})" for effect in decision.effects)
+        others = sorted({other for effect in decision.effects for other in effect.cannot_tell_from})
+        tail = f"; these data cannot tell it from {', '.join(others)}" if others else ""
+        return f"The model lacks: {what}, with probability {min(effect.probability for effect in decision.effects):.2f}{tail}."
+    if verdict == "nothing missing":
+        return f"Nothing is missing that these recordings would show, with probability {min(decision.probability_nothing, 0.99):.2f}."
+    if verdict == "not enough data":
+        return f"Not enough data for a verdict: {stretches} stretches of two seconds, {FEWEST_STRETCHES} are needed."
+    like = f" It behaves partly like {' with '.join(decision.suspected.ids)}, which is not claimed." if decision.suspected else ""
+    return f"Something is missing that no entry of the catalogue explains.{like}"
+
+
+def _unexplained(verdict: Verdict, decision: Decision) -> tuple[str, ...]:
+    if verdict in ("named", "nothing missing"):
+        return ()
+    closest = (f"closest is {' with '.join(decision.suspected.ids)}, not claimed",) if decision.suspected else ()
+    return (*closest, *(f"{gate.name}: {gate.found}" for gate in decision.gates if not gate.passed))
+
+
+def _not_seen(found: ModelSelectionResult, accepted: Hypothesis, effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
+    fitted = accepted.fitted
+    projection = projection_of(fitted, found.evidence.rows.measured, found.judge.usual)
+    others = [effect for effect in effects if effect.id not in accepted.ids]
+    return find_detection_limits(others, found.trials, projection, fitted.coordinates.supposed(fitted.x).rig)
+
+
+def _fit(found: ModelSelectionResult, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
+    """Rms per signal of the model as believed and as accepted, and what noise leaves of it."""
+    rows, after = found.evidence.rows, accepted.rows
+    return {
+        f"rms_{signal}": BeforeAfter(
+            rms((rows.measured - found.believed.predicted)[here]), rms((rows.measured - after)[here]), rms(rows.noise[here])
+        )
+        for signal, here in _signals(found)
+    }
+
+
+def _held_out(found: ModelSelectionResult, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
+    """The same on stretches left out in turn: all unknowns fitted to the others, without and with the effect."""
+    if len(found.evidence.parts) < 2:
+        return {}
+    before, after = (_foretold_apart(found, hypothesis) for hypothesis in (found.nothing, accepted))
+    noise = found.evidence.rows.noise
+    return {f"held_out_rms_{s}": BeforeAfter(rms(before[h]), rms(after[h]), rms(noise[h])) for s, h in _signals(found)}
+
+
+def _foretold_apart(found: ModelSelectionResult, hypothesis: Hypothesis) -> Floats:
+    rows = found.evidence.rows
+    linear, whitening = hypothesis.fitted.linear(rows.measured), hypothesis.judgement.whitening
+    return loo_residuals(linear, whitening, rows.condition, range(len(found.evidence.parts)))
+
+
+def _signals(found: ModelSelectionResult) -> list[tuple[str, NDArray[np.bool_]]]:
+    signal = found.evidence.rows.signal
+    return [(str(name), signal == name) for name in np.unique(signal)]
+
+
+def _values(accepted: Hypothesis) -> Mapping[str, Value]:
+    """By how much the believed values are off."""
+    space, posterior = accepted.fitted.coordinates.space, accepted.judgement.posterior
+    std = np.sqrt(np.diag(posterior.covariance))[: len(space.std)] * space.std
+    at = space.at(posterior.mean[: len(space.std)])
+    return {parameter.name: Value(parameter.read(at), float(s)) for parameter, s in zip(space.parameters, std, strict=True)}
+
+
+def _overlays(found: ModelSelectionResult, accepted: Hypothesis) -> tuple[Overlay, ...]:
+    rows, after = found.evidence.rows, accepted.rows
+    return tuple(
+        Overlay(label.condition, label.signal, rows.t_s[here], rows.measured[here], found.believed.predicted[here], after[here])
+        for number, label in enumerate(rows.labels)
+        if len(here := np.flatnonzero(rows.label == number))
+    )
+
+
+def _settings(found: ModelSelectionResult, effects: Sequence[Effect]) -> Mapping[str, object]:
+    return {
+        "model_error_assumed": "half-normal, torques wrong by 1 %",
+        "model_error_found": float(found.nothing.judgement.error),
+        "window_s": WINDOW_S,
+        "bin_s": BIN_S,
+        "conditions": len(found.evidence.parts),
+        "rows": len(found.evidence.rows.measured),
+        "effects_tried": [effect.id for effect in effects],
+        "prior": {"nothing missing": PRIOR_NOTHING, "unknown": PRIOR_UNKNOWN, "one effect": PRIOR_ONE, "two effects": PRIOR_TWO},
+    }

@@ -1,0 +1,185 @@
+"""Where a force that nobody listed could enter, and what it would do to the rows if it did.
+
+Every place answers for one condition with the change of its rows per bump of the force, around the model as it stands. One simulation
+is made for every bump of torque in every hinge; what acts on all of them, or pulls at the leg from outside, is put together from these.
+A prescribed shaft goes on as told whatever torque acts on it, so that a torque on it and a fault of the torque channel are one place.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.diagnosis.data.dataset import THREADS
+from rfca_rig.diagnosis.data.strokes import FlapCondition
+from rfca_rig.diagnosis.residual_force.spline_force import Change, SplineBasis, bump_in_hinge, bump_in_turn, bumps_of, forced_stroke
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.motion import ShaftMotion
+from rfca_rig.model.stroke import SimulatedStroke
+
+Floats = NDArray[np.float64]
+
+TRIED_NM, TRIED_RAD, TRIED_M = 0.1, 0.004, 2e-4  # large against the integrator's error, small against what bends the leg
+
+CHANNELS = {"fy_N": "fy_N", "fz_N": "fz_N", "shaft": "tx_Nm"}  # the signal that a place which is one adds to
+
+
+@dataclass(frozen=True)
+class NominalCondition:
+    """One condition with the model as it stands: its own stroke, and the bumps that a force is put together from.
+
+    `in_hinge` (m, count, hinges) is the change of its rows per bump of a torque that resists one hinge.
+    """
+
+    flap: FlapCondition
+    supposed: Supposed
+    stroke: SimulatedStroke
+    bumps: SplineBasis
+    in_hinge: Floats
+
+    def rows(self, stroke: SimulatedStroke) -> Floats:
+        """The rows of a stroke, signal after signal."""
+        return self.rows_of({signal: getattr(stroke, signal) for signal in self.flap.signals})
+
+    def rows_of(self, channels: Mapping[str, Floats]) -> Floats:
+        """The same of channels over time (m,) or several (m, k) of each; those not given are zero."""
+        nothing = np.zeros_like(next(iter(channels.values()))) if channels else np.zeros(len(self.flap.t_s))
+        counts = self.flap.counts.reshape(-1, *[1] * (nothing.ndim - 1))
+        binned = [np.add.reduceat(channels.get(signal, nothing), self.flap.first) / counts for signal in self.flap.signals]
+        return np.concatenate(binned)
+
+    def change_to(self, stroke: SimulatedStroke | None, size: float) -> Floats:
+        """Change of the rows per unit of what made the stroke another; none where the model had no answer."""
+        return self.rows_of({}) if stroke is None else (self.rows(stroke) - self.rows(self.stroke)) / size
+
+
+def nominal_conditions(flaps: Sequence[FlapCondition], supposed: Supposed) -> tuple[NominalCondition, ...]:
+    """The conditions under what is supposed. Raises SimulationFailed."""
+    hinges = len(supposed.rig.leg.link_lengths_m) - 1
+    bare = [NominalCondition(flap, supposed, forced_stroke(flap, supposed, ()), bumps_of(flap), np.empty(0)) for flap in flaps]
+    jobs = [(here, number, hinge) for here in bare for number in range(here.bumps.count) for hinge in range(1, hinges + 1)]
+    with ThreadPoolExecutor(THREADS) as pool:
+        columns = iter(list(pool.map(lambda job: _hinge_response(*job), jobs)))
+    found = []
+    for here in bare:
+        every = np.stack([next(columns) for _ in range(here.bumps.count * hinges)], axis=-1)
+        found.append(replace(here, in_hinge=every.reshape(-1, here.bumps.count, hinges)))
+    return tuple(found)
+
+
+def _hinge_response(here: NominalCondition, number: int, hinge: int) -> Floats:
+    change = bump_in_hinge(here.bumps, number, TRIED_NM, hinge)
+    return here.change_to(answer(here, here.supposed, (change,)), TRIED_NM)
+
+
+def answer(
+    here: NominalCondition, supposed: Supposed, changes: tuple[Change, ...] = (), motion: ShaftMotion | None = None
+) -> SimulatedStroke | None:
+    """The condition's stroke under these changes; None where the model has none."""
+    try:
+        return forced_stroke(here.flap, supposed, changes, motion)
+    except SimulationFailed:
+        return None
+
+
+@dataclass(frozen=True)
+class ForceInput:
+    """`unit` is that of the force; `size` a plausible one. `response(standing)` is what each bump does to the rows, (m, count)."""
+
+    id: str
+    words: str
+    unit: str
+    size: float
+    response: Callable[[NominalCondition], Floats]
+
+    def responses(self, conditions: Sequence[NominalCondition]) -> list[Floats]:
+        """The response of each condition."""
+        with ThreadPoolExecutor(THREADS) as pool:
+            return list(pool.map(self.response, conditions))
+
+
+def places_of(hinges: int) -> tuple[ForceInput, ...]:
+    """All places of a leg with so many hinges, those alike in all hinges first."""
+    single = [ForceInput(f"hinge{i + 1}", f"a torque in hinge {i + 1} alone", "N m", 0.05, _hinge(i)) for i in range(1, hinges + 1)]
+    return (
+        ForceInput("hinges", "a torque in all hinges alike", "N m", 0.05, lambda here: here.in_hinge.sum(axis=2)),
+        *single,
+        ForceInput("tip_down", "a force on the tip, downwards", "N", 1.0, _pull(of_tip, down=True)),
+        ForceInput("tip_along", "a force along the floor where the leg touches", "N", 1.0, _pull(of_touching, down=False)),
+        ForceInput("floor_height", "a floor of another height under the tip", "m", 1e-3, _floor_height),
+        ForceInput("shaft_angle", "a leg that turns otherwise than the shaft", "rad", 0.01, _shaft_angle),
+        ForceInput("fy_N", "something in the fy channel alone", "N", 1.0, _channel("fy_N")),
+        ForceInput("fz_N", "something in the fz channel alone", "N", 1.0, _channel("fz_N")),
+        ForceInput("shaft", "a torque on the shaft, or something in the tx channel alone", "N m", 0.05, _channel(CHANNELS["shaft"])),
+    )
+
+
+def _hinge(hinge: int) -> Callable[[NominalCondition], Floats]:
+    return lambda here: here.in_hinge[:, :, hinge - 1]
+
+
+def _channel(signal: str) -> Callable[[NominalCondition], Floats]:
+    return lambda here: here.rows_of({signal: here.bumps.at(here.flap.t_s)})
+
+
+def _shaft_angle(here: NominalCondition) -> Floats:
+    """The first bump, an angle from the beginning, is a wrong start angle, which every hypothesis may have."""
+    motion = here.flap.turn.motion(here.supposed, float(here.flap.t_s[-1]))
+    bent = [bump_in_turn(motion, here.bumps, number, TRIED_RAD) for number in range(1, here.bumps.count)]
+    columns = [here.change_to(answer(here, here.supposed, (), turn), TRIED_RAD) for turn in bent]
+    return np.column_stack([here.rows_of({}), *columns])
+
+
+def _floor_height(here: NominalCondition) -> Floats:
+    """As if the leg followed a floor at once that rises slowly; exact for one that is higher all along."""
+    higher = answer(here, replace(here.supposed, height_offset_m=here.supposed.height_offset_m - TRIED_M))
+    if higher is None:
+        return np.zeros((len(here.rows_of({})), here.bumps.count))
+    windows = here.bumps.at(here.flap.t_s)
+    changes = {s: (getattr(higher, s) - getattr(here.stroke, s))[:, None] / TRIED_M * windows for s in here.flap.signals}
+    return here.rows_of(changes)
+
+
+def of_tip(stroke: SimulatedStroke) -> Floats:
+    """All of a force on the last end, (m, n)."""
+    shares = np.zeros_like(stroke.normal_N)
+    shares[:, -1] = 1.0
+    return shares
+
+
+def of_touching(stroke: SimulatedStroke) -> Floats:
+    """Shares of the ends in a force between leg and floor, (m, n): as they press, all of it on the tip while none does."""
+    pressed = np.maximum(stroke.normal_N, 0.0)
+    total = pressed.sum(axis=1, keepdims=True)
+    return np.where(total > 0.0, pressed / np.maximum(total, 1e-9), of_tip(stroke))
+
+
+def _pull(shares_of: Callable[[SimulatedStroke], Floats], down: bool) -> Callable[[NominalCondition], Floats]:
+    """A force from outside, downwards or along +y: the torques that it has about the hinges, and its own part in what the mount feels."""
+
+    def response(here: NominalCondition) -> Floats:
+        arms, windows = _arms(here, shares_of(here.stroke), down), here.bumps.at(here.flap.t_s)
+        levers = _as_bumps(windows, windows[:, :, None] * arms[:, None, 1:])
+        torque = -windows * arms[:, :1]
+        fy, fz = (0.0 * windows, windows) if down else (-windows, 0.0 * windows)
+        own = here.rows_of({"fy_N": fy, "fz_N": fz, "tx_Nm": torque + here.supposed.rig.sensor.below_shaft_m * fy})
+        return np.asarray(own - np.einsum("mji,jki->mk", here.in_hinge, levers))
+
+    return response
+
+
+def _as_bumps(bumps: Floats, courses: Floats) -> Floats:
+    """Sizes (count, k, hinges) of the bumps (m, count) that are closest to courses (m, k, hinges)."""
+    flat = np.linalg.lstsq(bumps, courses.reshape(len(courses), -1), rcond=None)[0]
+    return np.asarray(flat.reshape(bumps.shape[1], *courses.shape[1:]))
+
+
+def _arms(here: NominalCondition, shares: Floats, down: bool) -> Floats:
+    """How much further the pulled point gets per radian that all links from i on turn, (m, n)."""
+    q, length = here.stroke.q_rad, np.array(here.supposed.rig.leg.link_lengths_m)
+    reach = length * (np.cos(q) if down else -np.sin(q))
+    beyond = np.cumsum(shares[:, ::-1], axis=1)[:, ::-1]  # of the force, what acts on ends at or behind each link
+    return np.asarray(np.cumsum((beyond * reach)[:, ::-1], axis=1)[:, ::-1])

@@ -1,0 +1,213 @@
+"""Which of the places explains best what nothing listed explains: each is given any smooth force, and pays for what it uses.
+
+The force of a place is a Gaussian process over the stroke: size and smoothness are integrated out over a grid, and conditions have half of
+it in common, counted by the way from touchdown to valley. So a place that needs little force, smooth and alike everywhere, to explain
+all channels at once is likelier than one that must be bent to each of them (MacKay, Neural Computation 4 (1992) 415).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
+from scipy.special import logsumexp
+
+from rfca_rig.diagnosis.data.dataset import Dataset
+from rfca_rig.diagnosis.data.observations import Observations
+from rfca_rig.diagnosis.inference.map_fit import MapFit
+from rfca_rig.diagnosis.likelihood.covariance import AtError, Whitening
+from rfca_rig.diagnosis.likelihood.cross_validation import products_without
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, make_marginal_likelihood
+from rfca_rig.diagnosis.residual_force.force_inputs import ForceInput, NominalCondition, nominal_conditions, places_of
+
+Floats = NDArray[np.float64]
+
+IN_COMMON = 0.5
+LARGER_ERRORS = (0.03, 0.12)
+SMOOTH_OVER_S = (0.02, 0.05, 0.15, 0.6)
+SIZES = tuple(0.01 * 3.0**k for k in range(7))  # of the place's plausible size
+AFTER_VALLEY_S = 0.05  # later, leg and floor ask little that they have not asked before
+NEGLIGIBLE = 1e-6  # of a process's variance
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What remains when nothing is missing that is listed: the rows of strokes up to the valley, as a linear model in the nuisances.
+
+    `target` (m,), `slope` (m, p); `conditions` as the model has them, in the rows' order.
+    """
+
+    rows: Observations
+    target: Floats
+    jacobian: Floats
+    judge: MarginalLikelihood
+    conditions: tuple[NominalCondition, ...]
+
+    @property
+    def whitenings(self) -> tuple[AtError, ...]:
+        """At the usual model error, and at larger ones: a great force does not act in proportion to its size."""
+        return (self.judge.usual, *(w for w in self.judge.unknown if w.s in LARGER_ERRORS))
+
+    @cached_property
+    def without(self) -> float:
+        """Log evidence of no force."""
+        logs = [system_of(self, whitening, np.empty((len(self.target), 0))).log_evidence(np.empty((0, 0))) for whitening in self.whitenings]
+        return float(logsumexp(logs) - np.log(len(logs)))
+
+    @cached_property
+    def roots(self) -> list[Floats]:
+        """For each smoothness a root of the covariance of all forces at size 1, (k, r)."""
+        return _roots(self.conditions)
+
+    @property
+    def places(self) -> tuple[ForceInput, ...]:
+        """Where a force could enter."""
+        return places_of(self.conditions[0].in_hinge.shape[2])
+
+    def stack_responses(self, blocks: Sequence[Floats]) -> Floats:
+        """Columns of each condition's own rows (m_c, k_c), side by side in all rows (m, sum k_c)."""
+        found = np.zeros((len(self.target), sum(block.shape[1] for block in blocks)))
+        done = 0
+        for number, block in enumerate(blocks):
+            found[np.flatnonzero(self.rows.condition == number), done : done + block.shape[1]] = block
+            done += block.shape[1]
+        return found
+
+
+@dataclass(frozen=True)
+class LocalizedForce:
+    """A place with the likeliest force there: `force` one array (count,) per condition, in the place's unit, with `std` alike.
+
+    `log_evidence` is above that of no force; `explained` the share of each channel's misfit, and of "all", that it takes away; `misfit`
+    what it leaves, mean square over what is expected, in each channel; `power` the rms force; `whitening` that at the likeliest error.
+    """
+
+    place: ForceInput
+    log_evidence: float
+    force: tuple[Floats, ...]
+    std: tuple[Floats, ...]
+    explained: dict[str, float]
+    misfit: dict[str, float]
+    power: float
+    whitening: AtError
+
+
+def scene_of(evidence: Dataset, nothing: MapFit, scatter: Floats) -> Scene:
+    """The scene around `nothing`; `scatter` (m, k) as in `covariance`. Raises SimulationFailed."""
+    flaps = [flap.until(flap.phases.valley_s + AFTER_VALLEY_S) for flap in evidence.flaps]
+    ends_s = np.array([flap.t_s[-1] for flap in flaps])
+    dynamic = evidence.rows.experiment == "dynamic"
+    kept = dynamic & (evidence.rows.t_s < ends_s[np.where(dynamic, evidence.rows.condition, 0)])
+    rows = _kept(evidence.rows, kept)
+    linear = nothing.linear(evidence.rows.measured).kept(kept)
+    conditions = nominal_conditions(flaps, nothing.coordinates.supposed(nothing.x))
+    return Scene(rows, linear.target, linear.jacobian, make_marginal_likelihood(rows, scatter[kept]), conditions)
+
+
+def _kept(rows: Observations, kept: NDArray[np.bool_]) -> Observations:
+    arrays = {f.name: getattr(rows, f.name)[kept] for f in fields(rows) if f.name != "labels"}
+    return replace(rows, **arrays)
+
+
+def localize_force(scene: Scene, place: ForceInput, responses: Sequence[Floats]) -> LocalizedForce:
+    """The place with its likeliest force; `responses` as `place.responses` has them."""
+    response = scene.stack_responses(responses)
+    sizes = [place.size * size for size in SIZES]
+    none = np.empty((response.shape[1], 0))
+    systems = [system_of(scene, whitening, response) for whitening in scene.whitenings]
+    logs = np.array([[system.log_evidences(root, sizes) for root in scene.roots] for system in systems])
+    level, smooth, size = np.unravel_index(int(np.argmax(logs)), logs.shape)
+    x, force, covariance = systems[level].solved(sizes[size] * scene.roots[smooth])
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    left, before = misfit_of(scene, x, response @ force), misfit_of(scene, systems[level].solved(none)[0], 0.0 * scene.target)
+    cuts = np.cumsum([here.bumps.count for here in scene.conditions])[:-1]
+    return LocalizedForce(
+        place=place,
+        log_evidence=float(logsumexp(logs) - np.log(logs.size)) - scene.without,
+        force=tuple(np.split(force, cuts)),
+        std=tuple(np.split(std, cuts)),
+        explained={name: 1.0 - left[name] / before[name] for name in left} | {"all": 1.0 - sum(left.values()) / sum(before.values())},
+        misfit=left,
+        power=float(np.sqrt(np.mean(force**2))),
+        whitening=scene.whitenings[level],
+    )
+
+
+def misfit_of(scene: Scene, x: Floats, pushed: Floats) -> dict[str, float]:
+    """Mean square of what is left over what is expected, in each channel."""
+    square = (scene.target - scene.jacobian @ x - pushed) ** 2 / scene.judge.usual.variance()
+    return {str(name): float(square[scene.rows.signal == name].mean()) for name in np.unique(scene.rows.signal)}
+
+
+@dataclass(frozen=True)
+class System:
+    """Products of whitened nuisance slopes and responses with each other, `gram` (p + k, p + k), and with the target, `match` (p + k,);
+    `constant` is the log density of the target itself; p nuisances.
+    """
+
+    gram: Floats
+    match: Floats
+    constant: float
+    nuisances: int
+
+    def _reduced(self, root: Floats) -> tuple[Floats, Floats]:
+        p = self.nuisances
+        corner = self.gram[:p, p:] @ root
+        gram = np.block([[self.gram[:p, :p], corner], [corner.T, root.T @ self.gram[p:, p:] @ root]])
+        return gram, np.concatenate([self.match[:p], root.T @ self.match[p:]])
+
+    def log_evidence(self, root: Floats) -> float:
+        """With forces root z, z standard normal."""
+        return self.log_evidences(root, [1.0])[0]
+
+    def log_evidences(self, root: Floats, sizes: Sequence[float]) -> list[float]:
+        """The same for roots of several sizes."""
+        gram, match = self._reduced(root)
+        return [self._scaled(gram, match, np.append(np.ones(self.nuisances), np.full(root.shape[1], size))) for size in sizes]
+
+    def _scaled(self, gram: Floats, match: Floats, scale: Floats) -> float:
+        factor = cholesky(scale[:, None] * gram * scale + np.eye(len(gram)), lower=True, check_finite=False)
+        found = solve_triangular(factor, scale * match, lower=True, check_finite=False)
+        return self.constant + 0.5 * float(found @ found) - float(np.log(np.diag(factor)).sum())
+
+    def solved(self, root: Floats) -> tuple[Floats, Floats, Floats]:
+        """(nuisances, forces, covariance of the forces)."""
+        gram, match = self._reduced(root)
+        covariance = np.linalg.inv(gram + np.eye(len(gram)))
+        mean, p = covariance @ match, self.nuisances
+        return mean[:p], root @ mean[p:], root @ covariance[p:, p:] @ root.T
+
+
+def system_of(scene: Scene, whitening: Whitening, response: Floats) -> System:
+    """The system of a response (m, k)."""
+    both, target = whitening(np.hstack([scene.jacobian, response])), whitening(scene.target)
+    constant = -0.5 * (float(target @ target) + whitening.log_det)
+    return System(both.T @ both, both.T @ target, constant, scene.jacobian.shape[1])
+
+
+def systems_without_each(scene: Scene, whitening: AtError, response: Floats) -> list[System]:
+    """The systems of the same response, each without the rows of one condition."""
+    both = np.column_stack([scene.jacobian, response, scene.target])
+    weigh_models = whitening.weigh_models(both)
+    found = []
+    for number in range(len(scene.conditions)):
+        products, log_det = products_without(both, weigh_models, whitening, scene.rows.condition == number)
+        found.append(System(products[:-1, :-1], products[:-1, -1], -0.5 * (float(products[-1, -1]) + log_det), scene.jacobian.shape[1]))
+    return found
+
+
+def _roots(conditions: Sequence[NominalCondition]) -> list[Floats]:
+    """For each smoothness a root of the forces' covariance at size 1, (k, r)."""
+    way_s = [here.flap.phases.valley_s - here.flap.phases.touchdown_s for here in conditions]
+    at = [(h.bumps.centres_s - h.flap.phases.touchdown_s) / way * np.mean(way_s) for h, way in zip(conditions, way_s, strict=True)]
+    t, condition = np.concatenate(at), np.repeat(np.arange(len(at)), [len(a) for a in at])
+    together = np.where(condition[:, None] == condition, 1.0, IN_COMMON)
+    return [_root(np.exp(-0.5 * ((t[:, None] - t) / over) ** 2) * together) for over in SMOOTH_OVER_S]
+
+
+def _root(covariance: Floats) -> Floats:
+    values, vectors = np.linalg.eigh(covariance)
+    kept = values > NEGLIGIBLE * values[-1]
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))

@@ -1,0 +1,162 @@
+"""What can be said where no entry of the catalogue explains the recordings: where a force is missing, what it looks like, which short
+formula it follows. An empirical law; its cause is not known.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
+from rfca_rig.diagnosis.residual_force.closed_loop_refit import ClosedLoopRefit, put_back
+from rfca_rig.diagnosis.residual_force.force_inputs import ForceInput, NominalCondition
+from rfca_rig.diagnosis.residual_force.force_localization import LocalizedForce, Scene, localize_force, scene_of
+from rfca_rig.diagnosis.residual_force.sparse_law import FoundTerm, SparseLaw, sparse_laws
+from rfca_rig.diagnosis.residual_force.terms import signals_of
+
+Floats = NDArray[np.float64]
+
+AS_GOOD = 3.0  # log evidence within which these data do not tell two places apart
+EXPLAINS = 2.0  # mean square over what is expected, up to which a channel counts as explained;
+MOSTLY = 0.9  # a great force, which the leg does not answer in proportion, must take away this share of the misfit
+HALF = 0.5  # of what the free force takes away, or a formula is not worth its name
+NEAR = 150.0  # log evidence below the best place within which a place is tried with formulas too
+
+
+@dataclass(frozen=True)
+class ForceCourse:
+    """The estimated force over one condition and what it may depend on, all (m,); SI units.
+
+    `angle_rad` and `rate_rad_s` are (m, hinges); the others are as in `terms.Signals`.
+    """
+
+    condition: str
+    t_s: Floats
+    force: Floats
+    std: Floats
+    angle_rad: Floats
+    rate_rad_s: Floats
+    load_N: Floats
+    slip_m_s: Floats
+    shaft_rad: Floats
+
+
+@dataclass(frozen=True)
+class FreeForm:
+    """The likeliest `place` of what is missing, in `words`, its force in `unit`, `log_evidence_over_next` above that of `next_place`.
+
+    `also` are places that these data cannot tell from it. `terms` are a formula for the force, empty where none lasts over the
+    conditions, which takes away the share `terms_explain` of the misfit. `explained` is the share of each channel's misfit that the free
+    force takes away and `misfit` what it leaves, mean square over what is expected. `ranking` is all places with their log evidence above
+    that of nothing missing; `put_back` the formula fitted again in the simulator, for places in the hinges.
+    """
+
+    place: str
+    words: str
+    unit: str
+    log_evidence_over_next: float
+    next_place: str
+    also: tuple[str, ...]
+    terms: tuple[FoundTerm, ...]
+    terms_explain: float
+    explained: Mapping[str, float]
+    misfit: Mapping[str, float]
+    ranking: tuple[tuple[str, float], ...]
+    put_back: ClosedLoopRefit | None
+    courses: tuple[ForceCourse, ...]
+    text: str
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A place with its free force, and with its formula."""
+
+    placed: LocalizedForce
+    law: SparseLaw
+
+    @property
+    def log_evidence(self) -> float:
+        """Of the place: its force is free or follows a formula, as likely one as the other before the data."""
+        return float(np.logaddexp(self.placed.log_evidence, self.law.log_evidence) - np.log(2.0))
+
+
+def free_form(found: ModelSelectionResult) -> FreeForm | None:
+    """The answer for a search that named nothing; None where no stroke was recorded. Raises SimulationFailed."""
+    if not found.evidence.flaps:
+        return None
+    scene = scene_of(found.evidence, found.nothing.fitted, found.scatter.columns)
+    ranked = candidates(scene)
+    return told(scene, ranked, put_back(scene, found.nothing.fitted, ranked[0].placed, ranked[0].law.terms))
+
+
+def candidates(scene: Scene, places: Sequence[ForceInput] | None = None) -> tuple[Candidate, ...]:
+    """All places, likeliest first; those far behind are given no formula."""
+    responses = {place.id: place.responses(scene.conditions) for place in (scene.places if places is None else places)}
+    free = [localize_force(scene, place, responses[place.id]) for place in (scene.places if places is None else places)]
+    best = max(one.log_evidence for one in free)
+    near = [one for one in free if one.log_evidence > best - NEAR]
+    laws = sparse_laws(scene, [(one.place, responses[one.place.id]) for one in near])
+    lasting = {one.place.id: law for one, law in zip(near, laws, strict=True) if law.explained > HALF * one.explained["all"]}
+    found = [Candidate(one, lasting.get(one.place.id, SparseLaw())) for one in free]
+    return tuple(sorted(found, key=lambda one: -one.log_evidence))
+
+
+def told(scene: Scene, ranked: Sequence[Candidate], again: ClosedLoopRefit | None = None) -> FreeForm:
+    """The answer in figures and words."""
+    best, others = ranked[0], ranked[1:]
+    also = tuple(other.placed.place.id for other in others if other.log_evidence > best.log_evidence - AS_GOOD)
+    return FreeForm(
+        place=best.placed.place.id,
+        words=best.placed.place.words,
+        unit=best.placed.place.unit,
+        log_evidence_over_next=best.log_evidence - others[0].log_evidence,
+        next_place=others[0].placed.place.id,
+        also=also,
+        terms=best.law.terms,
+        terms_explain=best.law.explained,
+        explained=best.placed.explained,
+        misfit=best.placed.misfit,
+        ranking=tuple((one.placed.place.id, one.log_evidence) for one in ranked),
+        put_back=again,
+        courses=tuple(_course(*each) for each in zip(scene.conditions, best.placed.force, best.placed.std, strict=True)),
+        text=_text(ranked, also),
+    )
+
+
+def _course(here: NominalCondition, force: Floats, std: Floats) -> ForceCourse:
+    signals = signals_of(here)
+    bumps = here.bumps.at(signals.t_s)
+    return ForceCourse(
+        condition=here.flap.label,
+        t_s=signals.t_s,
+        force=bumps @ force,
+        std=bumps @ std,
+        angle_rad=signals.angle_rad,
+        rate_rad_s=signals.rate_rad_s,
+        load_N=signals.load_N,
+        slip_m_s=signals.slip_m_s,
+        shaft_rad=signals.shaft_rad,
+    )
+
+
+def _text(ranked: Sequence[Candidate], also: Sequence[str]) -> str:
+    best = ranked[0]
+    words = {one.placed.place.id: one.placed.place.words for one in ranked}
+    if best.log_evidence < AS_GOOD:
+        return "What is missing is too small to say where it acts."
+    if max(best.placed.misfit.values()) > EXPLAINS and max(best.placed.explained["all"], best.law.explained) < MOSTLY:
+        return f"No single place explains all channels; {best.placed.place.words} comes closest. The cause is not known."
+    where = f"What is missing acts like {best.placed.place.words}"
+    if also:
+        where += f", which these data cannot tell from {', '.join(words[other] for other in also)}"
+    if not best.law.terms:
+        return f"{where}; no short formula for it lasts over the conditions. The cause is not known."
+    fully = best.law.log_evidence > best.placed.log_evidence or best.law.explained > MOSTLY * best.placed.explained["all"]
+    how = "follows" if fully else "in part follows"
+    return f"{where}, and {how} {formula(best.law.terms)} there: an empirical law, its cause is not known."
+
+
+def formula(terms: Sequence[FoundTerm]) -> str:
+    """The terms as people write them, with one standard deviation and units."""
+    return " + ".join(f"({t.coefficient:.3g} ± {t.std:.1g}) {t.unit} * {t.term}" for t in terms)

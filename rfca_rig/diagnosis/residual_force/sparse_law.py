@@ -1,0 +1,159 @@
+"""A short formula for the force at a place: at most three terms of a small library, those that every choice of conditions agrees on.
+
+Terms are not fitted to the estimated force, which is smoothed and noisy, but to the rows: each term has its response there. They are taken
+one by one as long as the evidence grows by more than the choice costs, once for every condition left out; what is chosen in four of
+five of these fits is kept (stability selection: Meinshausen and Buehlmann, J. R. Statist. Soc. B 72 (2010) 417).
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.data.dataset import THREADS
+from rfca_rig.diagnosis.likelihood.covariance import AtError
+from rfca_rig.diagnosis.residual_force.force_inputs import CHANNELS, ForceInput, NominalCondition, answer
+from rfca_rig.diagnosis.residual_force.force_localization import Scene, System, misfit_of, system_of, systems_without_each
+from rfca_rig.diagnosis.residual_force.hinge_series import SERIES, series_in
+from rfca_rig.diagnosis.residual_force.terms import Term, library_of, signals_of
+
+Floats = NDArray[np.float64]
+
+TRIED = 0.3  # of a plausible size
+AT_MOST = 3
+KEPT_IN = 0.8
+WORTH = 3.0  # log evidence beyond the choice among the terms
+
+
+@dataclass(frozen=True)
+class FoundTerm:
+    """One term of the law: its `coefficient` with standard deviation, in `unit`, and the share of the fits that chose it."""
+
+    term: str
+    coefficient: float
+    std: float
+    unit: str
+    chosen_in: float
+
+
+@dataclass(frozen=True)
+class SparseLaw:
+    """The terms that last, none if no formula does; `log_evidence` above that of no force, the choice of terms paid for; `explained` the
+    share of the misfit of all channels that it takes away.
+    """
+
+    terms: tuple[FoundTerm, ...] = ()
+    log_evidence: float = -np.inf
+    explained: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Library:
+    """The terms of a place and their responses (m, k) at rms sizes of `per` (k,), in the place's unit over the term's."""
+
+    place: ForceInput
+    terms: tuple[Term, ...]
+    responses: Floats
+    per: Floats
+
+
+def sparse_laws(scene: Scene, places: Sequence[tuple[ForceInput, Sequence[Floats]]]) -> list[SparseLaw]:
+    """The law at each place, given with its responses per bump, one (m, count) for each condition; at its likeliest model error."""
+    libraries = [_library(scene, place, blocks) for place, blocks in places]
+    found = [SparseLaw()] * len(libraries)
+    for whitening in scene.whitenings:
+        laws = [_law(scene, library, whitening, _votes(scene, library, whitening)) for library in libraries]
+        found = [max(pair, key=lambda law: law.log_evidence) for pair in zip(found, laws, strict=True)]
+    return found
+
+
+def _library(scene: Scene, place: ForceInput, blocks: Sequence[Floats]) -> _Library:
+    terms = library_of(place.id)
+    signals = [signals_of(here) for here in scene.conditions]
+    courses = [[term.course(one) for term in terms] for one in signals]
+    per = place.size / np.array([_rms([course[k] for course in courses]) for k in range(len(terms))])
+    each = zip(scene.conditions, blocks, courses, strict=True)
+    jobs = [(here, place, block, *one) for here, block, course in each for one in zip(terms, course, per, strict=True)]
+    with ThreadPoolExecutor(THREADS) as pool:
+        columns = list(pool.map(lambda job: _response(*job), jobs))
+    count = len(terms)
+    return _Library(place, terms, _stacked(scene, [columns[i : i + count] for i in range(0, len(columns), count)]), per)
+
+
+def _law(scene: Scene, library: _Library, whitening: AtError, votes: Floats) -> SparseLaw:
+    kept = [int(k) for k in np.argsort(-votes, kind="stable")[:AT_MOST] if votes[k] >= KEPT_IN - 1e-9]
+    if not kept:
+        return SparseLaw()
+    system = system_of(scene, whitening, library.responses)
+    root = _chosen(len(library.terms), kept)
+    x, z, covariance = system.solved(root)
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    terms = tuple(
+        FoundTerm(library.terms[k].name, float(z[k] * library.per[k]), float(std[k] * library.per[k]), _unit(library, k), float(votes[k]))
+        for k in kept
+    )
+    left, before = misfit_of(scene, x, library.responses @ z), misfit_of(scene, system.solved(root[:, :0])[0], 0.0 * scene.target)
+    gained = system.log_evidence(root) - float(np.log(len(scene.whitenings))) - scene.without
+    return SparseLaw(terms, gained - len(kept) * float(np.log(len(library.terms))), 1.0 - sum(left.values()) / sum(before.values()))
+
+
+def _votes(scene: Scene, library: _Library, whitening: AtError) -> Floats:
+    """In which share of the fits without one condition each term is chosen, (k,)."""
+    votes = np.zeros(len(library.terms))
+    for system in systems_without_each(scene, whitening, library.responses):
+        votes[_greedy(system, len(library.terms))] += 1.0 / len(scene.conditions)
+    return votes
+
+
+def _stacked(scene: Scene, responses: Sequence[Sequence[Floats]]) -> Floats:
+    """The terms' responses of every condition, each in its own rows, (m, terms)."""
+    found = np.empty((len(scene.target), len(responses[0])))
+    for number, columns in enumerate(responses):
+        found[scene.rows.condition == number] = np.column_stack(columns)
+    return found
+
+
+def _greedy(system: System, count: int) -> list[int]:
+    chosen: list[int] = []
+    best = system.log_evidence(_chosen(count, []))
+    for _ in range(AT_MOST):
+        logs = {k: system.log_evidence(_chosen(count, [*chosen, k])) for k in range(count) if k not in chosen}
+        k = max(logs, key=lambda one: logs[one])
+        if logs[k] < best + WORTH + np.log(count):
+            break
+        chosen, best = [*chosen, k], logs[k]
+    return chosen
+
+
+def _chosen(count: int, kept: Sequence[int]) -> Floats:
+    return np.eye(count)[:, list(kept)]
+
+
+def _response(here: NominalCondition, place: ForceInput, block: Floats, term: Term, course: Floats, per: float) -> Floats:
+    """What a term of this course and size does to the rows of one condition: a law of the hinges by a simulation, what a channel reads more
+    directly, the others by bumps.
+
+    `course` is (m,), or (m, hinges) of its own in each hinge.
+    """
+    if place.id.startswith("hinge") and term.name in SERIES:
+        change = series_in(place, (term.name,), np.array([TRIED * per]))
+        return here.change_to(answer(here, here.supposed, (change,)), TRIED)
+    if place.id in CHANNELS:
+        return here.rows_of({CHANNELS[place.id]: per * course})
+    sizes = per * np.linalg.lstsq(here.bumps.at(here.flap.t_s), course, rcond=None)[0]
+    if sizes.ndim == 1:
+        return np.asarray(block @ sizes)
+    if place.id == "hinges":
+        return np.asarray(np.einsum("mki,ki->m", here.in_hinge, sizes))
+    return np.asarray(block @ sizes[:, int(place.id.removeprefix("hinge")) - 2])
+
+
+def _rms(courses: Sequence[Floats]) -> float:
+    return max(float(np.sqrt(np.mean(np.concatenate([course.ravel() for course in courses]) ** 2))), 1e-12)
+
+
+def _unit(library: _Library, k: int) -> str:
+    place, term = library.place, library.terms[k]
+    return f"{place.unit} per {term.unit}" if term.unit else place.unit
