@@ -37,6 +37,8 @@ Floats = NDArray[np.float64]
 
 OF_PENDULUMS = "pendulum-like rigs"
 SEEN_ON_THE_SHAFT = ("motor_speed_droop", "motor_speed_ripple")
+# A twist between motor and leg shows in the recorded angle where the encoder is on the leg's side, in the forces alone where it is not.
+DRIVE_EFFECTS = (*SEEN_ON_THE_SHAFT, "shaft_compliance")
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits
     evidence = make_dataset([*body.flaps, *tables])
     effects, of_drive = (
         select_candidates(_candidates(body), without),
-        select_candidates(map(catalogue().__getitem__, SEEN_ON_THE_SHAFT), without),
+        select_candidates(map(catalogue().__getitem__, DRIVE_EFFECTS), without),
     )
     leg = search_models(evidence, body.coordinates, effects, progress, body.as_commanded)
     drive = drive_found(body, leg, of_drive, progress) if not body.as_commanded else None
