@@ -54,6 +54,24 @@ class Dataset:
         """The tables of the static one."""
         return tuple(part for part in self.parts if isinstance(part, StageTable))
 
+    def subset(self, count: int) -> tuple["Dataset", NDArray[np.bool_]]:
+        """At most `count` of the dynamic conditions, evenly spread in their order, and at most one of each other kind.
+
+        Returns
+        -------
+        Dataset, (m,)
+            The subset, and which of all rows belong to it.
+        """
+        kinds: dict[type, list[int]] = {}
+        for number, part in enumerate(self.parts):
+            kinds.setdefault(type(part), []).append(number)
+        kept: set[int] = set()
+        for kind, numbers in kinds.items():
+            most = 1 if kind is StageTable else count
+            kept |= {numbers[i] for i in np.linspace(0, len(numbers) - 1, min(most, len(numbers))).round().astype(int)}
+        rows = np.isin(self.rows.condition, list(kept))
+        return make_dataset(part for number, part in enumerate(self.parts) if number in kept), rows
+
     def predicted(self, supposed: Supposed) -> Floats | None:
         """The model's rows (m,), its conditions side by side; None where it has no answer."""
         with ThreadPoolExecutor(THREADS) as pool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,19 @@ from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter
 
 Floats = NDArray[np.float64]
 
-PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO = 0.5, 0.1, 0.3, 0.1
+PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO, PRIOR_THREE = 0.5, 0.1, 0.3, 0.1, 0.02
+
+
+def log_prior_of_set(size: int, candidates: int) -> float:
+    """Log prior of one set of so many effects: each size has its share, spread evenly over the sets of that size.
+
+    Raises
+    ------
+    KeyError
+        For more than three effects.
+    """
+    share = {0: PRIOR_NOTHING, 1: PRIOR_ONE, 2: PRIOR_TWO, 3: PRIOR_THREE}[size]
+    return float(np.log(share / max(comb(candidates, size), 1)))
 
 
 @dataclass(frozen=True)
@@ -89,6 +102,5 @@ def _log_beyond(hypothesis: Hypothesis, wider: Hypothesis) -> float:
 def _log_prior(fitted: MapFit, effects: int) -> float:
     """Each number of effects has its share, spread evenly; so is what an effect counts, as which hinge."""
     choices = fitted.coordinates.choices
-    share = PRIOR_ONE / effects if len(choices) == 1 else PRIOR_TWO / (0.5 * effects * (effects - 1))
     variants = np.prod([len(terms_of(choice.effect)) for choice in choices])
-    return float(np.log(share / variants))
+    return log_prior_of_set(len(choices), effects) - float(np.log(variants))

@@ -10,11 +10,12 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.inference.parameterization import FARTHEST, Parameterization
 from rfca_rig.diagnosis.likelihood.covariance import AtError, Whitening
-from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
+from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior, laplace_posteriors
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, MarginalPosterior, make_marginal_likelihood
 
 Floats = NDArray[np.float64]
@@ -67,6 +68,7 @@ class GaussNewton:
 
     evidence: Dataset
     judge: MarginalLikelihood
+    _free: WeakKeyDictionary[MapFit, float] = field(default_factory=WeakKeyDictionary, init=False, repr=False, compare=False)
     _judgements: WeakKeyDictionary[MapFit, MarginalPosterior] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False, compare=False
     )
@@ -152,6 +154,25 @@ class GaussNewton:
     def log_evidence(self, found: MapFit) -> float:
         """That of the judgement."""
         return self.evaluate(found).log_evidence
+
+    def free_log_evidence(self, found: MapFit) -> float:
+        """Log evidence with the discrepancy scale free over the whole grid, log-uniform; remembered."""
+        if (known := self._free.get(found)) is None:
+            known = self._free[found] = float(logsumexp(self.log_evidence_by_scale(found)))
+        return known
+
+    def log_evidence_by_scale(self, found: MapFit) -> Floats:
+        """Log evidence at each discrepancy scale of the grid, (k,).
+
+        What only the Jacobian promises and no step of the fit found does not count: a Jacobian across a kink promises much.
+        """
+        measured, every = self.evidence.rows.measured, self.judge.every_scale
+        logs = []
+        for whitening, posterior in zip(every, laplace_posteriors(found.linear(measured), every), strict=True):
+            promised = self.misfit(posterior.mean, found.predicted + found.jacobian @ (posterior.mean - found.x), whitening)
+            missing = self.misfit(found.x, found.predicted, whitening) - promised
+            logs.append(posterior.log_evidence - max(missing, 0.0))
+        return np.array(logs)
 
     def misfit(self, x: Floats, predicted: Floats, whitening: Whitening) -> float:
         """Minus the log posterior density at x, but for a constant."""

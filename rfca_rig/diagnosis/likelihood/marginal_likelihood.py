@@ -1,6 +1,7 @@
 """How likely the recordings are under one hypothesis, with the size of the model's own error integrated out."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,11 @@ class MarginalLikelihood:
         every = [whitening for whitening in (*self.named, *self.unknown[1:]) if whitening.s >= USUAL_ERROR]
         logs = [posterior.log_evidence for posterior in laplace_posteriors(linear, every)]
         return every[int(np.argmax(logs))]
+
+    @cached_property
+    def every_scale(self) -> tuple[AtError, ...]:
+        """The whitenings at all discrepancy scales of the grid, ascending."""
+        return tuple(sorted({whitening.s: whitening for whitening in (*self.unknown, *self.named)}.values(), key=lambda one: one.s))
 
     @property
     def usual(self) -> AtError:

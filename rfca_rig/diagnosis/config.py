@@ -1,0 +1,45 @@
+"""The constants of the search, in one place."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """How widely hypotheses are searched. All are counts of fits or shares; each trades simulations against missed explanations.
+
+    Parameters
+    ----------
+    coarse_conditions
+        Dynamic conditions of the subset on which starts are screened and first fitted. Four corners of a 3 x 3 grid of heights and speeds
+        rank effects as all nine do.
+    starts_per_effect
+        Grid points from which one effect is fitted.
+    singles_coarse, pairs_coarse, triples_coarse
+        Sets of each size that are fitted on the subset.
+    singles_full, pairs_full, triples_full
+        Sets of each size that go on to all conditions.
+    parents
+        Fits beside which partners are screened anew, by what each partner would do to a model that has the first effect already.
+    partners
+        Partners fitted beside each parent.
+    converged
+        Fits of each size that are brought to their MAP with fresh Jacobians.
+    continued
+        Fits that begin again from truncated strokes where nothing is adequate.
+    """
+
+    coarse_conditions: int = 4
+    starts_per_effect: int = 2
+    singles_coarse: int = 12
+    pairs_coarse: int = 10
+    triples_coarse: int = 5
+    singles_full: int = 6
+    pairs_full: int = 4
+    triples_full: int = 2
+    parents: int = 2
+    partners: int = 5
+    converged: int = 2
+    continued: int = 4
+
+
+DEFAULT_SEARCH = SearchConfig()

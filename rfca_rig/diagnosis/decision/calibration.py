@@ -1,0 +1,110 @@
+"""Probabilities of statements, calibrated on the blind benchmark.
+
+A statement ("the pins have dry friction", "the spring has memory") is true with probability
+
+    P = 1 / (1 + exp(-(b + w . f)))
+
+f are the features of its `Support`, each limited to the range in which it is informative. The intercept b and the weights w come from
+benchmark cases with known truth: a logistic regression with a ridge penalty, the sign of every weight fixed by what the feature means.
+`calibration.json` beside this module holds them with the seeds they were fitted on and their cross-validated scores;
+`python -m rfca_rig.exam.calibrate` writes it.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from rfca_rig.diagnosis.decision.comparison import Support
+
+Floats = NDArray[np.float64]
+Kind = Literal["effect", "family"]
+
+FORMAT = "rfca-calibration/1"
+FILE = "calibration.json"
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One feature, limited to `low` .. `high`; `sign` is that of its weight, +1 where it speaks for a statement."""
+
+    name: str
+    low: float
+    high: float
+    sign: int
+
+    def of(self, values: Mapping[str, float]) -> float:
+        """The limited value."""
+        return float(np.clip(np.nan_to_num(values[self.name], nan=self.low, posinf=self.high, neginf=self.low), self.low, self.high))
+
+
+FEATURES = (
+    Feature("held_out_ratio", 0.0, 1.5, 1),
+    Feature("scale_ratio", 0.0, 2.0, 1),
+    Feature("explained_share", 0.0, 1.0, 1),
+    Feature("log_scale", float(np.log(0.01)), float(np.log(0.6)), -1),
+    Feature("condition_scatter", 0.0, 0.6, -1),
+    Feature("channel_scatter", 0.0, 0.6, -1),
+    Feature("strain", 2.5, 4.0, -1),
+    Feature("bound", 2.0, 4.0, -1),
+    Feature("effects", 1.0, 3.0, -1),
+)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Intercept and weights (features,) of one kind of statement."""
+
+    intercept: float
+    weights: Floats
+
+    def probability(self, support: Support) -> float:
+        """How probable a statement with this support is."""
+        return float(expit(self.intercept + self.weights @ features_of(support)))
+
+
+def features_of(support: Support) -> Floats:
+    """The features of a support, (features,)."""
+    return features_in(support_values(support))
+
+
+def support_values(support: Support) -> dict[str, float]:
+    """The support as plain numbers, as `diagnosis.json` keeps it for a later calibration."""
+    return {
+        "held_out_ratio": support.held_out_ratio,
+        "scale_ratio": support.scale_ratio,
+        "log_scale": float(np.log(support.scale)),
+        "explained_share": support.explained_share,
+        "condition_scatter": support.condition_scatter,
+        "channel_scatter": support.channel_scatter,
+        "strain": support.strain,
+        "bound": support.bound,
+        "effects": float(support.effects),
+    }
+
+
+def features_in(values: Mapping[str, float]) -> Floats:
+    """The features of plain numbers, (features,)."""
+    return np.array([feature.of(values) for feature in FEATURES])
+
+
+@cache
+def calibration_of(kind: Kind) -> Calibration:
+    """The calibration of one kind of statement that comes with the package.
+
+    Raises
+    ------
+    ValueError
+        Where the file does not hold exactly the features of this version.
+    """
+    content = json.loads((files(__package__) / FILE).read_text(encoding="utf-8"))
+    weights = content[kind]["weights"]
+    if content["format"] != FORMAT or set(weights) != {feature.name for feature in FEATURES}:
+        raise ValueError(f"{FILE}: holds {', '.join(weights)}; regenerate it with python -m rfca_rig.exam.calibrate")
+    return Calibration(float(content[kind]["intercept"]), np.array([float(weights[feature.name]) for feature in FEATURES]))

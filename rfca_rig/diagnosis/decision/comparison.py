@@ -1,0 +1,255 @@
+"""Hypotheses compared with the size of the model discrepancy free, and how well the data support each effect.
+
+A hypothesis is a set of effects. Its log evidence is known at every discrepancy scale s of a grid from 0.5 % to 60 % of the signals; with a
+log-uniform prior, s is integrated out. So an effect whose law is only roughly right still competes: what its law leaves is discrepancy.
+A relative probability alone says too much here, since a discrepancy with a smooth covariance hides how alike wrong laws are. What decides
+is how much better held-out conditions are predicted with an effect than with the best rival that lacks it; see `calibration`.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult, log_prior_of_set
+from rfca_rig.diagnosis.likelihood.covariance import AtError
+from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
+from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior, laplace_posteriors
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.intp]
+
+VARIES_BY = 0.5  # prior standard deviation, as a share, of an effect's size from one group of observations to the next
+INFORMATIVE = 0.5  # of that: a group whose own size stays less certain says nothing about the variation
+WORTH_ADDING = 0.1  # share of the held-out misfit that an effect must remove to be part of the explanation
+
+
+@dataclass(frozen=True)
+class ScaledHypothesis:
+    """A hypothesis with the discrepancy scale free.
+
+    Parameters
+    ----------
+    hypothesis
+        The set of effects at its MAP fit.
+    log_evidence
+        Log evidence at each scale of the grid, (k,).
+    scale
+        Posterior geometric mean of the discrepancy scale, as a share of the signals.
+    whitening
+        The covariance at the most probable scale.
+    log_joint
+        Log of prior times evidence, the scale integrated out.
+    held_out_rms
+        Rms of each held-out condition, all unknowns fitted to the others, in units of noise and usual model error, (conditions,).
+    """
+
+    hypothesis: Hypothesis
+    log_evidence: Floats
+    scale: float
+    whitening: AtError
+    log_joint: float
+    held_out_rms: Floats
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The ids of its effects."""
+        return self.hypothesis.ids
+
+
+@dataclass(frozen=True)
+class Support:
+    """How well the data support one effect, or one of several that form a family, as part of the best explanation.
+
+    Parameters
+    ----------
+    ids
+        The effect, or the members of the family.
+    rival
+        The best set of effects that has none of them.
+    held_out_ratio
+        Median over conditions of log(rms of the rival / rms with the effect), both on held-out conditions.
+    scale_ratio
+        Log(discrepancy scale of the rival / that of the best explanation).
+    scale
+        Discrepancy scale of the best explanation, as a share of the signals.
+    explained_share
+        Share of the removable held-out misfit that the best explanation removes.
+    condition_scatter, channel_scatter
+        Relative standard deviation of the effect's size between conditions and between channels, beyond chance.
+    strain
+        The largest distance of a nuisance parameter from its prior mean, in prior standard deviations.
+    bound
+        The largest distance of one of the effect's parameters from the middle of its prior, in prior standard deviations.
+    effects
+        How many effects the best explanation has.
+    """
+
+    ids: tuple[str, ...]
+    rival: tuple[str, ...]
+    held_out_ratio: float
+    scale_ratio: float
+    scale: float
+    explained_share: float
+    condition_scatter: float
+    channel_scatter: float
+    strain: float
+    bound: float
+    effects: int
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All hypotheses of a search with the discrepancy scale free, most probable first."""
+
+    result: ModelSelectionResult
+    ranked: tuple[ScaledHypothesis, ...]
+
+    @cached_property
+    def nothing(self) -> ScaledHypothesis:
+        """The hypothesis without effects."""
+        return next(one for one in self.ranked if not one.ids)
+
+    @cached_property
+    def best(self) -> ScaledHypothesis:
+        """The most probable hypothesis, without effects that improve held-out conditions by less than WORTH_ADDING."""
+        best = self.ranked[0]
+        while best.ids and (simpler := self._as_good_without_one(best)) is not None:
+            best = simpler
+        return best
+
+    def without(self, ids: Collection[str]) -> ScaledHypothesis:
+        """The most probable hypothesis that has none of these effects."""
+        return next(one for one in self.ranked if not set(one.ids) & set(ids))
+
+    def explained_share(self, one: ScaledHypothesis) -> float:
+        """Share of the removable held-out misfit that a hypothesis removes: 1 down to the noise, 0 as without effects."""
+        before, after = (float(np.median(each.held_out_rms)) ** 2 for each in (self.nothing, one))
+        removable = before - self.noise_floor**2
+        return (before - after) / removable if removable > 0.0 else 0.0
+
+    @cached_property
+    def noise_floor(self) -> float:
+        """What sensor noise alone leaves, in units of noise and usual model error."""
+        return float(np.sqrt(np.mean(self.result.evidence.rows.noise**2 / self.result.judge.usual.variance())))
+
+    def support(self, ids: Sequence[str]) -> Support:
+        """The support of these effects, members of the best explanation among them. Raises ValueError where none of them is."""
+        best, rival = self.best, self.without(ids)
+        numbers = [number for number, name in enumerate(best.ids) if name in ids]
+        if not numbers:
+            raise ValueError(f"none of {', '.join(ids)} is part of the best explanation, {', '.join(best.ids) or 'nothing'}")
+        fitted, rows = best.hypothesis.fitted, self.result.evidence.rows
+        scatter = [[self._scatter(number, groups) for groups in (rows.condition, _channels(rows.signal))] for number in numbers]
+        return Support(
+            ids=tuple(ids),
+            rival=rival.ids,
+            held_out_ratio=float(np.median(np.log(rival.held_out_rms / best.held_out_rms))),
+            scale_ratio=float(np.log(rival.scale / best.scale)),
+            scale=best.scale,
+            explained_share=self.explained_share(best),
+            condition_scatter=min(of_conditions for of_conditions, _ in scatter),
+            channel_scatter=min(of_channels for _, of_channels in scatter),
+            strain=fitted.farthest,
+            bound=min(float(np.abs(fitted.x[fitted.coordinates.part(number)]).max(initial=0.0)) for number in numbers),
+            effects=len(best.ids),
+        )
+
+    def condition_scatter(self, number: int) -> float:
+        """Relative standard deviation, between conditions, of the size of one effect of the best explanation."""
+        return self._scatter(number, self.result.evidence.rows.condition)
+
+    def _as_good_without_one(self, one: ScaledHypothesis) -> ScaledHypothesis | None:
+        """The most probable hypothesis with one effect fewer that predicts held-out conditions about as well."""
+        for simpler in self.ranked:
+            if len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids):
+                gain = np.median(np.log(simpler.held_out_rms / one.held_out_rms))
+                if gain < -0.5 * np.log1p(-WORTH_ADDING):
+                    return simpler
+        return None
+
+    @cached_property
+    def _signatures(self) -> list[Floats]:
+        """What each effect of the best explanation does to the observations, (m,) each, all other unknowns at their MAP values."""
+        fitted = self.best.hypothesis.fitted
+        coordinates, found = fitted.coordinates, []
+        for number in range(len(coordinates.choices)):
+            others = [term for i, term in enumerate(coordinates.choices) if i != number]
+            x = np.delete(fitted.x, np.arange(coordinates.size)[coordinates.part(number)])
+            rows = self.result.evidence.predicted(coordinates.with_terms(others).supposed(x))
+            found.append(np.zeros_like(fitted.predicted) if rows is None else fitted.predicted - rows)
+        return found
+
+    def _scatter(self, number: int, group: Integers) -> float:
+        """Relative standard deviation between groups (m,) of one effect's size, beyond what chance makes.
+
+        Each group's size is a random effect with prior deviation VARIES_BY; groups that stay uncertain are left out.
+        """
+        signature, best = self._signatures[number], self.best
+        columns = [column for g in range(int(group.max()) + 1) if np.any(column := np.where(group == g, signature, 0.0))]
+        if len(columns) < 2:
+            return 0.0
+        linear = best.hypothesis.fitted.linear(self.result.evidence.rows.measured)
+        wider = Linear(linear.target, np.column_stack([linear.jacobian, VARIES_BY * np.column_stack(columns)]))
+        posterior = laplace_posterior(wider, best.whitening)
+        own = slice(linear.jacobian.shape[1], None)
+        size, std = VARIES_BY * posterior.mean[own], VARIES_BY * np.sqrt(np.diag(posterior.covariance)[own])
+        informative = std < INFORMATIVE * VARIES_BY
+        if informative.sum() < 2:
+            return 0.0
+        weight = 1.0 / std[informative] ** 2
+        apart = size[informative] - np.average(size[informative], weights=weight)
+        return float(np.sqrt(max(np.average(apart**2 - std[informative] ** 2, weights=weight), 0.0)))
+
+
+def compare(result: ModelSelectionResult, candidates: int) -> Comparison:
+    """All hypotheses of a search with the discrepancy scale free.
+
+    Parameters
+    ----------
+    result
+        What the search left.
+    candidates
+        How many effects were looked for, which sets the prior of each.
+    """
+    whitenings = sorted({one.s: one for one in (*result.judge.named, *result.judge.unknown)}.values(), key=lambda one: one.s)
+    found = [_scaled(result, hypothesis, whitenings, candidates) for hypothesis in (result.nothing, *result.named)]
+    return Comparison(result, tuple(sorted(found, key=lambda one: -one.log_joint)))
+
+
+def _scaled(result: ModelSelectionResult, hypothesis: Hypothesis, whitenings: Sequence[AtError], candidates: int) -> ScaledHypothesis:
+    rows, fitted = result.evidence.rows, hypothesis.fitted
+    linear = fitted.linear(rows.measured)
+    logs = []
+    for whitening, posterior in zip(whitenings, laplace_posteriors(linear, whitenings), strict=True):
+        # What only the Jacobian promises and no step of the fit found does not count: a Jacobian across a kink promises much.
+        promised = _misfit(whitening, rows.measured - fitted.predicted - fitted.jacobian @ (posterior.mean - fitted.x), posterior.mean)
+        missing = _misfit(whitening, rows.measured - fitted.predicted, fitted.x) - promised
+        logs.append(posterior.log_evidence - max(missing, 0.0))
+    log_evidence, scales = np.array(logs), np.array([whitening.s for whitening in whitenings])
+    total = float(logsumexp(log_evidence))
+    probable = whitenings[int(np.argmax(log_evidence))]
+    residuals = loo_residuals(linear, probable, rows.condition, range(int(rows.condition.max()) + 1))
+    square = residuals**2 / result.judge.usual.variance()
+    return ScaledHypothesis(
+        hypothesis=hypothesis,
+        log_evidence=log_evidence,
+        scale=float(np.exp(np.exp(log_evidence - total) @ np.log(scales))),
+        whitening=probable,
+        log_joint=total - float(np.log(len(whitenings))) + log_prior_of_set(len(hypothesis.ids), candidates),
+        held_out_rms=np.sqrt(np.bincount(rows.condition, square) / np.bincount(rows.condition)),
+    )
+
+
+def _misfit(whitening: AtError, residual: Floats, x: Floats) -> float:
+    """Minus the log posterior density, but for a constant."""
+    white = whitening(residual)
+    return 0.5 * float(white @ white + x @ x)
+
+
+def _channels(signal: NDArray[np.str_]) -> Integers:
+    """Counts the signals, static forces with those of strokes, and all hinge angles as one, (m,)."""
+    return np.unique(np.array(["hinges" if name.startswith("hinge") else name for name in signal]), return_inverse=True)[1]

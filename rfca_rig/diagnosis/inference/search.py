@@ -1,0 +1,303 @@
+"""The search over hypotheses: nothing missing, every effect, pairs of effects, and triples where two do not suffice.
+
+One optimiser fits every hypothesis (`map_fit`, Gauss-Newton to the MAP point). Starts come from five generators: the prior mean, the
+screening of all effects and all pairs, a parent's optimum with one effect more, truncated strokes (`continuation`), and a swap of a
+strained nuisance parameter for the effect that does the same (`nuisance_swap`). Fits are halved successively: many on a subset of the
+conditions, few on all, the best of them to convergence (Jamieson and Talwalkar, AISTATS 2016).
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.config import DEFAULT_SEARCH, SearchConfig
+from rfca_rig.diagnosis.data.dataset import THREADS, Dataset
+from rfca_rig.diagnosis.data.static_history import with_free_friction, with_inferred_approach
+from rfca_rig.diagnosis.inference.continuation import continue_from_beginnings
+from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult, weigh_models
+from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit, without_scatter
+from rfca_rig.diagnosis.inference.nuisance_swap import swap_nuisance
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.inference.screening import EffectProbe, Projection, probe_effects, projection_of, terms_of
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import GOOD_FIT, IMPLAUSIBLE, make_marginal_likelihood
+from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter, estimate_scatter
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.effect import Effect
+
+Floats = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+Terms = tuple[EffectTerm, ...]
+
+RESCALED = 3.0  # a probe may be this much too small and still be a start: its shape decides
+NEAR = 100.0  # log evidence: more than convergence with fresh Jacobians brings (measured at an earlier stage: 20 to 60)
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a fit begins: effects, and all unknowns (p,)."""
+
+    terms: Terms
+    x: Floats
+
+
+@dataclass(frozen=True)
+class SearchState:
+    """What is known so far: the optimiser on all conditions and on the subset, the nominal model, and the fits by size of the set."""
+
+    descent: GaussNewton
+    scatter: Scatter
+    coarse: GaussNewton
+    in_coarse: NDArray[np.bool_]
+    nominal: MapFit
+    nothing: MapFit
+    fits: tuple[MapFit, ...] = ()
+
+    @property
+    def best(self) -> MapFit:
+        """The fit with the greatest log evidence, the discrepancy scale free."""
+        return max((self.nothing, *self.fits), key=self.descent.free_log_evidence)
+
+    def of_size(self, size: int) -> list[MapFit]:
+        """The fits with so many effects, best first."""
+        found = [fit for fit in self.fits if len(fit.coordinates.choices) == size]
+        return sorted(found, key=self.descent.free_log_evidence, reverse=True)
+
+    def with_fits(self, fits: Iterable[MapFit]) -> "SearchState":
+        """With these fits; of each set of effects the best is kept."""
+        ranked = sorted((*self.fits, *fits), key=self.descent.free_log_evidence)
+        return replace(self, fits=tuple({frozenset(fit.coordinates.choices): fit for fit in ranked}.values()))
+
+
+def search_models(
+    evidence: Dataset,
+    coordinates: Parameterization,
+    effects: Sequence[Effect],
+    progress: Progress,
+    stopped_as_told: bool = True,
+    config: SearchConfig = DEFAULT_SEARCH,
+) -> ModelSelectionResult:
+    """The hypotheses that matter, each at its MAP fit.
+
+    Parameters
+    ----------
+    evidence
+        The observations.
+    coordinates
+        The nuisance parameters.
+    effects
+        The effects that may be missing.
+    progress
+        Called with what is being done and the share that is done.
+    stopped_as_told
+        Whether the shaft stood where it was told in static stages.
+    config
+        How widely to search.
+
+    Raises
+    ------
+    SimulationFailed
+        Where the nominal model cannot be simulated.
+    """
+    progress("nothing missing", 0.0)
+    state = _begin(with_free_friction(evidence), coordinates, config)
+    progress("screening every effect", 0.1)
+    terms = tuple(term for effect in effects for term in terms_of(effect))
+    probes = probe_effects(state.descent.evidence, state.nominal, terms)
+    projection = _projection(state.descent, state.nominal)
+    progress("each effect", 0.25)
+    state = _fit_best(state, _single_starts(projection, probes, state.nominal, config), config.singles_coarse, config.singles_full)
+    state = _learn(_converge(state, 1, config), stopped_as_told, GOOD_FIT)
+    progress("pairs of effects", 0.5)
+    starts = _pair_starts(projection, probes, state.nominal, config)
+    state = _fit_best(state, starts, config.pairs_coarse, config.pairs_full)
+    state = _fit_best(state, _partner_starts(state, 1, terms, config), config.parents * config.partners, config.pairs_full)
+    state = _converge(state, 2, config)
+    if not _is_adequate(state):
+        progress("three effects", 0.7)
+        state = _fit_best(state, _partner_starts(state, 2, terms, config), config.triples_coarse, config.triples_full)
+        progress("truncated strokes", 0.75)
+        state = state.with_fits(continue_from_beginnings(state.descent, _ranked(state)[: config.continued]))
+    progress("weighing", 0.85)
+    state = _learn(_fit_nested(state), stopped_as_told, 2.0 * GOOD_FIT)
+    for size in (1, 2, 3):
+        state = _converge(state, size, config)
+    return _result(_refit_nothing(state), coordinates, probes, effects)
+
+
+def _begin(evidence: Dataset, coordinates: Parameterization, config: SearchConfig) -> SearchState:
+    """The nominal model, and the fit without effects."""
+    start = without_scatter(evidence)
+    nominal = start.at(coordinates, np.zeros(coordinates.size))
+    if nominal is None:
+        raise SimulationFailed("the model cannot be computed as believed; look for a slipped decimal point in the leg or the ground")
+    nothing = start.refine(nominal)
+    scatter = estimate_scatter(evidence, coordinates.supposed(nothing.x))
+    descent = GaussNewton(evidence, make_marginal_likelihood(evidence.rows, scatter.columns))
+    coarse, rows = _coarsen(evidence, scatter, config.coarse_conditions)
+    return SearchState(descent, scatter, coarse, rows, nominal, descent.converge(nothing))
+
+
+def _coarsen(evidence: Dataset, scatter: Scatter, conditions: int) -> tuple[GaussNewton, NDArray[np.bool_]]:
+    """The optimiser on a subset of the conditions, and which of all rows these have."""
+    subset, rows = evidence.subset(conditions)
+    columns = scatter.columns[rows]
+    return GaussNewton(subset, make_marginal_likelihood(subset.rows, columns[:, np.any(columns, axis=0)])), rows
+
+
+def _restrict(fit: MapFit, state: SearchState) -> MapFit:
+    """A fit as the subset of the conditions sees it."""
+    return replace(fit, predicted=fit.predicted[state.in_coarse], jacobian=fit.jacobian[state.in_coarse])
+
+
+def _projection(descent: GaussNewton, fit: MapFit) -> Projection:
+    measured = descent.evidence.rows.measured
+    return projection_of(fit, measured, descent.judge.level(fit.linear(measured)))
+
+
+def _single_starts(projection: Projection, probes: Sequence[EffectProbe], base: MapFit, config: SearchConfig) -> list[Start]:
+    """The best grid points of every effect, most promising first, beside `base`."""
+    by_term: dict[EffectTerm, list[tuple[float, EffectProbe]]] = {}
+    for probe in probes:
+        by_term.setdefault(probe.choice, []).append((projection.gain(probe.signature)[0], probe))
+    found = []
+    for points in by_term.values():
+        points.sort(key=lambda pair: -pair[0])
+        found += [pair for pair in points[: config.starts_per_effect] if pair[0] >= 0.5 * points[0][0]]
+    return [_beside(base, (probe,)) for _, probe in sorted(found, key=lambda pair: -pair[0])]
+
+
+def _pair_starts(projection: Projection, probes: Sequence[EffectProbe], base: MapFit, config: SearchConfig) -> list[Start]:
+    """The best grid points of the pairs of effects that could take away most of the misfit together."""
+    gain = _joint_gains(projection, probes)
+    best: dict[frozenset[EffectTerm], tuple[float, int, int]] = {}
+    for i, j in combinations(range(len(probes)), 2):
+        pair = frozenset((probes[i].choice, probes[j].choice))
+        if probes[i].choice.effect.id != probes[j].choice.effect.id and gain[i, j] > best.get(pair, (0.0, 0, 0))[0]:
+            best[pair] = (float(gain[i, j]), i, j)
+    ranked = sorted(best.values(), reverse=True)[: config.pairs_coarse]
+    return [_beside(base, (probes[i], probes[j])) for _, i, j in ranked]
+
+
+def _joint_gains(projection: Projection, probes: Sequence[EffectProbe]) -> Floats:
+    """Chi-square that probes i and j could remove together, each scaled as suits within 0 to RESCALED, (k, k)."""
+    white = projection.whitening(np.column_stack([probe.signature for probe in probes]))
+    gram, match = white.T @ projection.through(white), white.T @ projection.residual
+    own = np.diag(gram)
+    product = np.outer(own, own)
+    determinant = np.maximum(product - gram**2, 1e-9 * product + 1e-300)
+    first = np.clip((np.outer(match, own) - gram * match[None, :]) / determinant, 0.0, RESCALED)
+    second = first.T
+    quadratic = first**2 * own[:, None] + 2.0 * first * second * gram + second**2 * own[None, :]
+    return np.asarray(2.0 * (first * match[:, None] + second * match[None, :]) - quadratic)
+
+
+def _partner_starts(state: SearchState, size: int, terms: Terms, config: SearchConfig) -> list[Start]:
+    """One effect more beside the best sets of a size, screened by what it would do to a model that has these effects already."""
+    found = []
+    for parent in state.of_size(size)[: config.parents if size == 1 else 1]:
+        here = _restrict(parent, state)
+        own = {term.effect.id for term in parent.coordinates.choices}
+        probes = probe_effects(state.coarse.evidence, here, [term for term in terms if term.effect.id not in own])
+        narrow = replace(config, starts_per_effect=1)
+        found += _single_starts(_projection(state.coarse, here), probes, here, narrow)[: config.partners]
+    return found
+
+
+def _beside(base: MapFit, probes: Sequence[EffectProbe]) -> Start:
+    return Start((*base.coordinates.choices, *(probe.choice for probe in probes)), np.concatenate([base.x, *(probe.z for probe in probes)]))
+
+
+def _fit_best(state: SearchState, starts: Sequence[Start], coarse: int, full: int) -> SearchState:
+    """The first starts fitted on the subset, of each set the best; the best of these sets on all conditions."""
+    known = {frozenset(fit.coordinates.choices) for fit in state.fits if len(fit.coordinates.choices) > 1}
+    wanted = [start for start in starts if frozenset(start.terms) not in known]
+    sets = list(dict.fromkeys(frozenset(start.terms) for start in wanted))[:coarse]
+    wanted = [start for start in wanted if frozenset(start.terms) in sets]
+    with ThreadPoolExecutor(THREADS) as pool:
+        found = [fit for fit in pool.map(lambda start: _fit(state.coarse, state, start, 2), wanted) if fit is not None]
+        ranked = sorted(found, key=state.coarse.free_log_evidence)
+        best = list({frozenset(fit.coordinates.choices): fit for fit in ranked}.values())
+        best.sort(key=state.coarse.free_log_evidence, reverse=True)
+        fits = pool.map(lambda fit: _fit(state.descent, state, Start(fit.coordinates.choices, fit.x), 5), best[:full])
+        return state.with_fits(fit for fit in fits if fit is not None)
+
+
+def _fit(descent: GaussNewton, state: SearchState, start: Start, levels: int) -> MapFit | None:
+    """The MAP fit from a start, None where the model has no answer. The nuisances' Jacobian begins as that of the nominal model."""
+    known = state.nominal if descent is state.descent else _restrict(state.nominal, state)
+    here = descent.at(state.nominal.coordinates.with_terms(start.terms), start.x, known.jacobian)
+    return None if here is None else descent.refine(here, levels=levels)
+
+
+def _ranked(state: SearchState) -> list[MapFit]:
+    return sorted(state.fits, key=state.descent.free_log_evidence, reverse=True)
+
+
+def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchState:
+    """The best sets of a size with fresh Jacobians, and strained nuisance parameters swapped for the effects that do the same."""
+    best = state.of_size(size)[: config.converged]
+    least = max((state.descent.free_log_evidence(fit) for fit in state.fits), default=0.0) - NEAR
+    near = [fit for fit in best if fit is best[0] or state.descent.free_log_evidence(fit) > least]
+    with ThreadPoolExecutor(THREADS) as pool:
+        return state.with_fits(pool.map(lambda fit: swap_nuisance(state.descent, state.descent.converge(fit)), near))
+
+
+def _is_adequate(state: SearchState) -> bool:
+    """Whether the best explanation leaves no more than a good model does, nuisance parameters within what is plausible."""
+    judgement = state.descent.evaluate(state.best)
+    return judgement.error < GOOD_FIT and judgement.farthest(state.nominal.coordinates.nuisances) < IMPLAUSIBLE
+
+
+def _learn(state: SearchState, stopped_as_told: bool, enough: float) -> SearchState:
+    """Repeat scatter and the static approach path, estimated again from the best explanation if its error is small `enough`.
+
+    All fits follow. From an explanation that fits badly the wrong path would be learnt.
+    """
+    best = state.best
+    if state.descent.evaluate(best).error > enough:
+        return state
+    evidence = with_inferred_approach(state.descent.evidence, best.coordinates, best.x, stopped_as_told)
+    if evidence is state.descent.evidence:
+        return state
+    scatter = estimate_scatter(evidence, best.coordinates.supposed(best.x))
+    descent = GaussNewton(evidence, make_marginal_likelihood(evidence.rows, scatter.columns))
+    coarse, rows = _coarsen(evidence, scatter, len(state.coarse.evidence.flaps) or len(state.coarse.evidence.parts))
+    again = [fit for old in (state.nominal, state.nothing, *state.fits) if (fit := descent.at(old.coordinates, old.x, old.jacobian))]
+    if len(again) < 2 + len(state.fits):
+        return state
+    with ThreadPoolExecutor(THREADS) as pool:
+        nothing, *fits = pool.map(descent.refine, again[1:])
+    return SearchState(descent, scatter, coarse, rows, again[0], nothing, tuple(fits))
+
+
+def _fit_nested(state: SearchState) -> SearchState:
+    """The parts of the best set fitted again from where it stands: a set must not win because its parts were fitted badly."""
+    best, found = state.best, []
+    coordinates = best.coordinates
+    if len(coordinates.choices) > 1:
+        for number in range(len(coordinates.choices)):
+            terms = tuple(term for i, term in enumerate(coordinates.choices) if i != number)
+            x = np.delete(best.x, np.arange(coordinates.size)[coordinates.part(number)])
+            found.append(_fit(state.descent, state, Start(terms, x), 5))
+    return state.with_fits(fit for fit in found if fit is not None)
+
+
+def _refit_nothing(state: SearchState) -> SearchState:
+    """The fit without effects also from the nuisance parameters of the best explanation."""
+    again = _fit(state.descent, state, Start((), state.best.x[: state.nominal.coordinates.nuisances]), 5)
+    found = [state.descent.converge(fit) for fit in (state.nothing, again) if fit is not None]
+    return replace(state, nothing=max(found, key=state.descent.free_log_evidence))
+
+
+def _result(
+    state: SearchState, coordinates: Parameterization, probes: Sequence[EffectProbe], effects: Sequence[Effect]
+) -> ModelSelectionResult:
+    descent = state.descent
+    nominal = descent.at(coordinates, state.nominal.x, state.nominal.jacobian) or state.nominal
+    nothing, named = weigh_models(descent, state.nothing, state.fits, len(effects))
+    unknown = descent.evaluate_unlisted(state.nothing)
+    return ModelSelectionResult(nominal, nothing, unknown, named, tuple(probes), state.scatter, descent.judge, descent.evidence)
