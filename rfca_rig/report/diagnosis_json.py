@@ -79,10 +79,10 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "id": effect.id,
         "probability": effect.probability,
         "parameters": {name: _value(value) for name, value in effect.parameters.items()},
-        "shape": {name: _value(value) for name, value in effect.shape.items()},
         "cannot_tell_from": effect.cannot_tell_from,
         "left_out": effect.left_out,
         "wording": effect.wording,
+        "shape": {name: _value(value) for name, value in effect.shape.items()},
     }
 
 

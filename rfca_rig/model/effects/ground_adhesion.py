@@ -27,5 +27,6 @@ EFFECT = Effect(
     parameters=(Parameter("force_N", 0.1, 20.0),),
     apply=apply,
     # Depth over which adhesion takes hold. The force depends on depth alone: no shape gains energy
+    # At 2 N, fy over a stroke (215 mm, 2.433 rad/s) changes by 0.001 N rms at 0.01 mm and 0.03 N at 1 mm
     shape=(Parameter("reach_mm", 0.01, 1.0, may_be_zero=False, neutral=0.05),),
 )

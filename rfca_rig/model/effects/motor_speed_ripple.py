@@ -72,5 +72,6 @@ EFFECT = Effect(
     ),
     apply=apply,
     # Periodic: a fit may leave half a cycle either way, and finds the nearest quarter from its four starts
+    # At 5 % and 10 cycles, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.54 N rms at -0.25, 1.34 N at 0.25, 1.84 N at 0.5
     shape=(Parameter("phase_cycles", -0.5, 0.5, starts=(-0.25, 0.0, 0.25, 0.5)),),
 )

@@ -68,5 +68,6 @@ EFFECT = Effect(
         Parameter("saturation_deg", 0.5, 20.0, may_be_zero=False),
     ),
     apply=apply,
+    # At a strength of 0.2 and 4 degrees, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.13 N rms at 0.5 and 0.12 N at 3
     shape=(Parameter("exponent", 0.5, 3.0, may_be_zero=False, neutral=1.0),),
 )
