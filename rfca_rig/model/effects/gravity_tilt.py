@@ -42,7 +42,9 @@ EFFECT = Effect(
     source="-",
     parameters=(Parameter("angle_rad", -0.2, 0.2),),
     apply=apply,
-    # In weights of the leg: 0 for a sensor zeroed without the leg on the leaning rig, -1 for one zeroed with the leg on it, other values
-    # where the sensor was zeroed at another lean and carries a mount. At 0.05 rad, fy changes by 0.4 N all along a stroke at -2.5 and 2.5
-    shape=(Parameter("zero_shift_weights", -2.5, 2.5),),
+    # In weights of the leg: 0 for a sensor zeroed without the leg on the leaning rig, -1 for one zeroed with the leg on it, -2 for one
+    # that reads this part of the weight with the other sign; other values where it was zeroed at another lean and carries a mount.
+    # From 0 alone, a fit does not come to -2: fy at rest then asks for the other sign of the angle.
+    # At 0.05 rad, fy changes by 0.4 N all along a stroke at -2.5 and 2.5
+    shape=(Parameter("zero_shift_weights", -2.5, 2.5, starts=(-2.0, 0.0)),),
 )
