@@ -126,6 +126,8 @@ class KnownToSection(Section):
 class EffectSection(Section):
     """[[effects]]: a piece of physics switched on, by its id in the catalogue, with a number for each of its parameters.
 
+    Shape parameters of its law may be left out.
+
     A number beyond what is plausible is taken, one that cannot be is refused.
     """
 
@@ -138,7 +140,7 @@ class EffectSection(Section):
             effect, values = resolved(self.present())
         except BadInput as error:
             raise ValueError(str(error)) from None
-        for parameter in effect.parameters:
+        for parameter in (*effect.parameters, *effect.shape):
             if (reason := parameter.why_not(values[parameter.name])) is not None:
                 raise ValueError(f"effect {self.id}: {parameter.name} = {values[parameter.name]:g} {reason}")
         return self

@@ -39,8 +39,9 @@ def _effects(diagnosis: Diagnosis) -> list[FoundEffect]:
 
 
 def _found(effect: NamedEffect) -> FoundEffect:
-    values = {name: value.value for name, value in effect.parameters.items()}
-    return FoundEffect(effect.id, values, {name: value.std for name, value in effect.parameters.items() if value.std})
+    found = {**effect.parameters, **effect.shape}
+    values = {name: value.value for name, value in found.items()}
+    return FoundEffect(effect.id, values, {name: value.std for name, value in found.items() if value.std})
 
 
 def _known_to(diagnosis: Diagnosis, recording: Recording) -> Mapping[str, float]:

@@ -1,7 +1,7 @@
 """What a diagnosis says, as plain values: the report, the JSON file and the terminal all read this."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -62,7 +62,10 @@ class Gate:
 
 @dataclass(frozen=True)
 class NamedEffect:
-    """An effect that was left out. `cannot_tell_from` are those that these data explain as well by."""
+    """An effect that was left out. `cannot_tell_from` are those that these data explain as well by.
+
+    `shape` holds the fitted shape parameters of its law: nuisance parameters, which a prediction needs to reproduce the fit.
+    """
 
     id: str
     left_out: str
@@ -70,6 +73,7 @@ class NamedEffect:
     parameters: Mapping[str, Value]
     cannot_tell_from: tuple[str, ...]
     wording: str
+    shape: Mapping[str, Value] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ class Parameter:
     A value outside of that may still be true, but not every one can be: none that is not finite, none below zero where `low` is not,
     no zero unless `may_be_zero`, none whose magnitude reaches `below`, and where it counts something, `whole`, no fraction.
     `starts` are values from which a search for it begins, where steps over the plausible range would miss what it does.
+    `neutral` is the value of a shape parameter, or of one of `begins`, that is used where no value is given.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Parameter:
     below: float = inf
     whole: bool = False
     starts: tuple[float, ...] = ()
+    neutral: float = 0.0
 
     def why_not(self, value: float) -> str | None:
         """Why the value cannot be, in words; None where it can."""
@@ -44,8 +46,11 @@ class Effect:
     """One entry of the catalogue.
 
     `where` it enters, `left_out` in a few words what a model without it lacks, the `law` as a formula, its `source`.
-    `apply(setup, values)` returns the setup with the effect in it; `values` holds one number per parameter, and one for each of
-    `begins`: how it stands where a recording begins, 0 for at rest, which is no property of the rig and never reported.
+    `apply(setup, values)` returns the setup with the effect in it; `values` holds one number per parameter, one per parameter of
+    `shape`, and one for each of `begins`: how it stands where a recording begins, 0 for at rest, which is no property of the rig and
+    never reported. The parameters of `shape` are nuisance parameters of the law: they say how exactly it acts. A file may leave them
+    out, and their neutral values then apply; a diagnosis fits them together with the effect.
+    Raises ValueError where the neutral value of a shape parameter lies outside of its plausible range.
     `same_as` names the believed value, as `fit` calls it, that does exactly the same where it is wrong: only how well that is known tells
     the two apart.
     """
@@ -59,3 +64,12 @@ class Effect:
     apply: "Callable[[Setup, Values], Setup]"
     begins: tuple[Parameter, ...] = ()
     same_as: str = ""
+    shape: tuple[Parameter, ...] = ()
+
+    def __post_init__(self) -> None:
+        for parameter in self.shape:
+            if not parameter.low <= parameter.neutral <= parameter.high:
+                raise ValueError(
+                    f"effect {self.id}: shape parameter {parameter.name} has its neutral value {parameter.neutral:g} outside of "
+                    f"{parameter.low:g} to {parameter.high:g}"
+                )

@@ -139,16 +139,19 @@ def set_up(rig: RigModel, height_m: float, motion: ShaftMotion) -> Setup:
 
 
 def resolved(present: PresentEffect) -> tuple[Effect, dict[str, float]]:
-    """The catalogue's entry, and the values by parameter name. Raises BadInput where either does not fit."""
+    """The catalogue's entry, and the values by parameter name, neutral ones where they may be left out.
+
+    Raises BadInput where either does not fit.
+    """
     known = catalogue()
     if present.id not in known:
         raise BadInput(f"effect {present.id}: not in the catalogue; there are {', '.join(sorted(known))}")
     effect, values = known[present.id], dict(present.values)
     wanted = {parameter.name for parameter in effect.parameters}
-    at_rest = {parameter.name: 0.0 for parameter in effect.begins}
-    if set(values) - set(at_rest) != wanted:
+    neutral = {parameter.name: parameter.neutral for parameter in (*effect.shape, *effect.begins)}
+    if set(values) - set(neutral) != wanted:
         raise BadInput(f"effect {present.id}: takes {', '.join(sorted(wanted))}, was given {', '.join(sorted(values)) or 'nothing'}")
-    return effect, at_rest | values
+    return effect, neutral | values
 
 
 def with_law(setup: Setup, law: LawUse) -> Setup:

@@ -82,6 +82,7 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "cannot_tell_from": effect.cannot_tell_from,
         "left_out": effect.left_out,
         "wording": effect.wording,
+        "shape": {name: _value(value) for name, value in effect.shape.items()},
     }
 
 

@@ -9,7 +9,7 @@ from rfca_rig.diagnosis.inference.screening import terms_of
 from rfca_rig.model.catalogue import catalogue
 from tests.model.legs import PAPER
 
-PARAMETERS = [p for effect in catalogue().values() for p in effect.parameters if not p.whole]
+PARAMETERS = [p for effect in catalogue().values() for p in (*effect.parameters, *effect.shape) if not p.whole]
 
 
 @given(st.sampled_from(PARAMETERS), st.floats(-3.0, 3.0))
@@ -31,14 +31,37 @@ def test_most_of_the_prior_of_a_scale_lies_within_its_plausible_bounds():
 
 def test_effects_are_supposed_beside_nuisances_in_the_order_of_the_coordinates():
     space = space_of(["k0", "friction"], Supposed(PAPER), {"k0_relative": 0.03, "friction_coefficient": 0.05})
-    stop, tilt = catalogue()["hinge_stop"], catalogue()["ground_tilt"]
-    coordinates = Parameterization(space, (EffectTerm(stop), EffectTerm(tilt)))
+    relaxation, tilt = catalogue()["spring_relaxation"], catalogue()["ground_tilt"]
+    coordinates = Parameterization(space, (EffectTerm(relaxation), EffectTerm(tilt)))
     assert coordinates.size == 5
     assert [coordinates.part(i) for i in range(2)] == [slice(2, 4), slice(4, 5)]
     supposed = coordinates.supposed(np.array([1.0, 0.0, 0.5, -0.5, 2.0]))
     assert supposed.rig.leg.k0_Nm_per_rad == pytest.approx(PAPER.leg.k0_Nm_per_rad * np.exp(0.03))
-    assert [effect.id for effect in supposed.rig.effects] == ["hinge_stop", "ground_tilt"]
+    assert [effect.id for effect in supposed.rig.effects] == ["spring_relaxation", "ground_tilt"]
     assert dict(supposed.rig.effects[1].values)["slope"] == pytest.approx(0.1)
+
+
+def test_a_shape_is_fitted_between_the_parameters_of_its_effect_and_how_that_begins():
+    friction = catalogue()["hinge_coulomb_friction"]
+    term = EffectTerm(friction)
+    assert [parameter.name for parameter in term.free] == ["torque_Nm", "presliding_deg", "let_go"]
+    assert [parameter.name for parameter in term.sizes] == ["torque_Nm"]
+    values = dict(term.present(np.array([0.0, 1.0, 0.4])).values)
+    assert values["presliding_deg"] == pytest.approx(value_of(friction.shape[0], 1.0))
+    assert values["let_go"] == pytest.approx(0.4)
+
+
+def test_a_neutral_shape_is_typical_of_its_prior_and_survives_the_coordinates():
+    for parameter in (p for effect in catalogue().values() for p in effect.shape):
+        z = coordinate_of(parameter, parameter.neutral)
+        assert abs(z) < 1.0
+        assert value_of(parameter, z) == pytest.approx(parameter.neutral, rel=1e-12, abs=1e-15)
+
+
+def test_only_the_size_of_an_effect_can_do_just_what_a_nuisance_does():
+    space = space_of(["k0", "friction"], Supposed(PAPER), {"k0_relative": 0.03, "friction_coefficient": 0.05})
+    coordinates = Parameterization(space, (EffectTerm(catalogue()["ground_compliance"]),))
+    assert coordinates.same_as == ["contact_stiffness", ""]
 
 
 def test_an_effect_that_counts_something_is_tried_for_each_count():

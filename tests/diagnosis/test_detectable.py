@@ -81,7 +81,9 @@ def test_an_obedient_shaft_rules_out_drives_that_would_have_moved_it_otherwise()
     assert soft == {"kp_Nm_s_per_rad": 200.0}  # the stiffest that is plausible, and even that
     assert disobeyed("motor_speed_droop", kp_Nm_s_per_rad=200.0, ki_Nm_per_rad=70.7) > 2.0
     (amplitude,) = rippling.values()
-    assert disobeyed("motor_speed_ripple", amplitude_relative=amplitude, cycles_per_turn=30.0) == pytest.approx(1.0, abs=0.3)
+    ripple = {"amplitude_relative": amplitude, "cycles_per_turn": 30.0}
+    at_phases = [disobeyed("motor_speed_ripple", **ripple, phase_cycles=phase) for phase in (-0.25, 0.0, 0.25, 0.5)]
+    assert np.median(at_phases) == pytest.approx(1.0, abs=0.3)
 
 
 def test_a_drive_that_the_rig_is_believed_to_have_is_not_ruled_out():

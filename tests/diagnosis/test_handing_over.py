@@ -27,7 +27,7 @@ def begun(descent, contact_stiffness, size, effect="ground_compliance"):
     space = nuisances_of(RIG, KNOWN_TO | {"contact_stiffness_relative": 0.5}, 0.0)
     coordinates = Parameterization(space).with_terms((EffectTerm(catalogue()[effect]),))
     x = np.zeros(coordinates.size)
-    x[space.names.index("contact_stiffness")], x[-1] = contact_stiffness, size
+    x[space.names.index("contact_stiffness")], x[coordinates.nuisances] = contact_stiffness, size
     found = descent.at(coordinates, x)
     assert found is not None
     return found

@@ -18,6 +18,8 @@ def test_every_start_is_a_plausible_value_and_at_rest(effect):
         assert len(z) == len(choice.free)
         assert all(parameter.why_not(values[parameter.name]) is None for parameter in effect.parameters)
         assert all(values[begin.name] == 0.0 for begin in effect.begins)
+        for shape in effect.shape:
+            assert any(values[shape.name] == pytest.approx(start, abs=1e-12) for start in shape.starts or (shape.neutral,))
 
 
 def test_a_frame_is_looked_for_at_every_tenth_of_its_frequency():

@@ -175,6 +175,7 @@ def _named(best: Hypothesis, classes: Sequence[tuple[str, ...]], probability: fl
             left_out=choice.effect.left_out,
             probability=min(probability, 0.999),
             parameters=values_of(best, number),
+            shape=shape_of(best, number),
             cannot_tell_from=others,
             wording=f"all gates passed; {varies}",
         )
@@ -184,13 +185,24 @@ def _named(best: Hypothesis, classes: Sequence[tuple[str, ...]], probability: fl
 
 def values_of(hypothesis: Hypothesis, number: int) -> dict[str, Value]:
     """Values and standard deviations of one effect's parameters, with what the law itself leaves open."""
-    coordinates, posterior = hypothesis.fitted.coordinates, hypothesis.judgement.posterior
-    choice: EffectTerm = coordinates.choices[number]
-    std = np.sqrt(np.diag(posterior.covariance))[coordinates.part(number)]
-    free = zip(choice.free, posterior.mean[coordinates.part(number)], std, strict=True)
-    rig = coordinates.space.centre.rig
-    found = {p.name: _value(choice.effect, p, rig, float(z), float(s)) for p, z, s in free if p not in choice.effect.begins}
+    choice: EffectTerm = hypothesis.fitted.coordinates.choices[number]
+    rig = hypothesis.fitted.coordinates.space.centre.rig
+    found = {p.name: _value(choice.effect, p, rig, z, s) for p, z, s in _posterior_of(hypothesis, number) if p in choice.sizes}
     return {name: Value(value, 0.0) for name, value in choice.whole} | found
+
+
+def shape_of(hypothesis: Hypothesis, number: int) -> dict[str, Value]:
+    """Values and standard deviations of the shape parameters of one effect's law."""
+    shape = hypothesis.fitted.coordinates.choices[number].effect.shape
+    return {p.name: Value(value_of(p, z), std_of(p, z, s)) for p, z, s in _posterior_of(hypothesis, number) if p in shape}
+
+
+def _posterior_of(hypothesis: Hypothesis, number: int) -> list[tuple[Parameter, float, float]]:
+    """The free parameters of one effect, each with mean and standard deviation of its coordinate."""
+    coordinates, posterior = hypothesis.fitted.coordinates, hypothesis.judgement.posterior
+    part = coordinates.part(number)
+    mean, std = posterior.mean[part].tolist(), np.sqrt(np.diag(posterior.covariance))[part].tolist()
+    return list(zip(coordinates.choices[number].free, mean, std, strict=True))
 
 
 def _value(effect: Effect, parameter: Parameter, rig: RigModel, z: float, std_z: float) -> Value:

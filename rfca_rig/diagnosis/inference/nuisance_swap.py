@@ -84,7 +84,7 @@ def _sizes(coordinates: Parameterization) -> list[int]:
         coordinates.part(number).start + n
         for number, choice in enumerate(coordinates.choices)
         for n, parameter in enumerate(choice.free)
-        if parameter not in choice.effect.begins
+        if parameter in choice.sizes
     ]
 
 

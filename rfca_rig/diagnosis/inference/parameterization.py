@@ -50,7 +50,9 @@ def _is_scale(parameter: Parameter) -> bool:
 
 @dataclass(frozen=True)
 class EffectTerm:
-    """One effect as a hypothesis has it: `whole` gives the parameters that count something, all others are free, as is how it begins."""
+    """One effect as a hypothesis has it: `whole` gives the parameters that count something, all others are free, as are the shape of
+    its law and how it begins.
+    """
 
     effect: Effect
     whole: tuple[tuple[str, float], ...] = ()
@@ -58,12 +60,18 @@ class EffectTerm:
     @property
     def free(self) -> tuple[Parameter, ...]:
         """The parameters that are fitted."""
-        return (*(parameter for parameter in self.effect.parameters if not parameter.whole), *self.effect.begins)
+        return (*self.sizes, *self.effect.shape, *self.effect.begins)
+
+    @property
+    def sizes(self) -> tuple[Parameter, ...]:
+        """The free parameters that a diagnosis reports as the effect's own."""
+        return tuple(parameter for parameter in self.effect.parameters if not parameter.whole)
 
     def present(self, z: Floats) -> PresentEffect:
         """The effect at the coordinates z of its free parameters."""
         found = dict(self.whole) | {p.name: value_of(p, float(x)) for p, x in zip(self.free, z, strict=True)}
-        return PresentEffect(self.effect.id, tuple((p.name, found[p.name]) for p in (*self.effect.parameters, *self.effect.begins)))
+        every = (*self.effect.parameters, *self.effect.shape, *self.effect.begins)
+        return PresentEffect(self.effect.id, tuple((p.name, found[p.name]) for p in every))
 
 
 @dataclass(frozen=True)
@@ -84,7 +92,7 @@ class Parameterization:
     @property
     def same_as(self) -> list[str]:
         """For each parameter of the choices the nuisance that does just the same, empty where there is none."""
-        return [choice.effect.same_as for choice in self.choices for _ in choice.free]
+        return [choice.effect.same_as if parameter in choice.sizes else "" for choice in self.choices for parameter in choice.free]
 
     def part(self, number: int) -> slice:
         """Where the parameters of a choice stand."""

@@ -51,14 +51,17 @@ def probe_effects(evidence: Dataset, base: MapFit, choices: Sequence[EffectTerm]
 
 
 def grid_of(choice: EffectTerm) -> list[Floats]:
-    """The places where a choice is tried, each (p,): what the effect says itself, or a coarse grid; all at rest."""
-    free = [parameter for parameter in choice.effect.parameters if not parameter.whole]
-    at_rest = (0.0,) * len(choice.effect.begins)
-    if choice.whole:
-        return [np.full(len(free), 0.3)]
+    """The places where a choice is tried, each (p,): what the effect says itself, or a coarse grid.
+
+    Shape parameters begin at their starts, or at their neutral value; what swings begins at rest.
+    """
+    free, at_rest = choice.sizes, (0.0,) * len(choice.effect.begins)
     usual = TOGETHER if len(free) == 2 else OF_THREE
     starts = [_alone(free[0])] if len(free) == 1 else [_starts(parameter) or usual for parameter in free]
-    return [np.array((*point, *at_rest)) for point in product(*starts)]
+    if choice.whole:
+        starts = [(0.3,) for _ in free]
+    shapes = [_starts(parameter) or (coordinate_of(parameter, parameter.neutral),) for parameter in choice.effect.shape]
+    return [np.array((*point, *at_rest)) for point in product(*starts, *shapes)]
 
 
 def _starts(parameter: Parameter) -> tuple[float, ...]:

@@ -16,19 +16,26 @@ STEP_S = 5e-4
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    return replace(setup, motion=rippled(setup.motion, values["amplitude_relative"], values["cycles_per_turn"]))
+    phase_rad = 2.0 * np.pi * values["phase_cycles"]
+    return replace(setup, motion=rippled(setup.motion, values["amplitude_relative"], values["cycles_per_turn"], phase_rad))
 
 
-def rippled(motion: ShaftMotion, amplitude: float, cycles: float) -> ShaftMotion:
-    """The motion that obeys the law. As d theta / d theta_c = 1 + a cos(n (theta - theta_0)), the angle is a function of the
-    commanded one alone: with x = sqrt(1 - a^2) n (theta_c - theta_0) / 2 it is tan(n (theta - theta_0) / 2) = r tan x.
+def rippled(motion: ShaftMotion, amplitude: float, cycles: float, phase_rad: float = 0.0) -> ShaftMotion:
+    """The motion that obeys the law. With psi = n (theta - theta_0) + phase it is d psi / d theta_c = n (1 + a cos psi), so that the
+    angle is a function of the commanded one alone: tan(psi / 2) = r tan x, x = sqrt(1 - a^2) n (theta_c - theta_0) / 2 + x_0.
     """
     t = _times(motion)
     start = float(motion.angle_rad(np.zeros(1))[0])
     r = np.sqrt((1.0 + amplitude) / (1.0 - amplitude))
-    x = np.sqrt(1.0 - amplitude * amplitude) * cycles * (motion.angle_rad(t) - start) / 2.0
-    half = x + np.arctan((r - 1.0) * np.sin(x) * np.cos(x) / (np.cos(x) ** 2 + r * np.sin(x) ** 2))  # tan half = r tan x, on x's branch
-    return _through(t, start + 2.0 * half / cycles, _speed(motion, t) * (1.0 + amplitude * np.cos(2.0 * half)), motion)
+    x = np.sqrt(1.0 - amplitude * amplitude) * cycles * (motion.angle_rad(t) - start) / 2.0 + _scale_tangent(0.5 * phase_rad, 1.0 / r)
+    half = _scale_tangent(x, r)
+    angle = start + (2.0 * half - phase_rad) / cycles
+    return _through(t, angle, _speed(motion, t) * (1.0 + amplitude * np.cos(2.0 * half)), motion)
+
+
+def _scale_tangent(x: Floats | float, r: float) -> Floats:
+    """The angle whose tangent is r tan x, on x's branch."""
+    return np.asarray(x + np.arctan((r - 1.0) * np.sin(x) * np.cos(x) / (np.cos(x) ** 2 + r * np.sin(x) ** 2)))
 
 
 def _times(motion: ShaftMotion) -> Floats:
@@ -56,7 +63,7 @@ EFFECT = Effect(
     id="motor_speed_ripple",
     where="drive",
     left_out="shaft speed that varies with shaft angle",
-    law="w = w_c (1 + a cos(n (theta - theta_0)))",
+    law="w = w_c (1 + a cos(n (theta - theta_0) + phase))",
     source="torque ripple of gear and motor",
     parameters=(
         Parameter("amplitude_relative", 0.005, 0.3, below=1.0, starts=(0.05,)),
@@ -64,4 +71,7 @@ EFFECT = Effect(
         Parameter("cycles_per_turn", 1.0, 60.0, may_be_zero=False, starts=tuple(1.5 * n for n in range(1, 40))),
     ),
     apply=apply,
+    # Periodic: a fit may leave half a cycle either way, and finds the nearest quarter from its four starts
+    # At 5 % and 10 cycles, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.54 N rms at -0.25, 1.34 N at 0.25, 1.84 N at 0.5
+    shape=(Parameter("phase_cycles", -0.5, 0.5, starts=(-0.25, 0.0, 0.25, 0.5)),),
 )

@@ -1,41 +1,73 @@
-"""A rate-independent loop beside the spring (Bouc-Wen with unit exponent)."""
+"""A rate-independent loop beside the spring (Bouc-Wen)."""
 
 from typing import Any
 
 import numpy as np
 
+from rfca_rig.model.compiled import compiled
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.laws import HINGE, LawUse
 from rfca_rig.model.setup import Setup, with_law
 
+LONGEST = 0.1  # step of Runge-Kutta, in saturations: 1e-6 of the loop (measured for exponents from 0.5 to 3)
+SATURATED = 20.0  # saturations: the loop is at its end
+
+
+@compiled
+def loop_slope(along: float, exponent: float) -> float:
+    """dz/du, with u the turn over the saturation and both counted along the direction of turning."""
+    if exponent == 1.0:
+        return 1.0 - along
+    return 1.0 - np.sign(along) * abs(along) ** exponent  # type: ignore[no-any-return]
+
+
+@compiled
+def follow_loop(along: float, travel: float, exponent: float) -> float:
+    """z after turning on by `travel` in one direction; exact for an exponent of one."""
+    if exponent == 1.0:
+        return 1.0 - (1.0 - along) * np.exp(-travel)  # type: ignore[no-any-return]
+    if travel > SATURATED:
+        return 1.0
+    steps = int(travel / LONGEST) + 1
+    h = travel / steps
+    for _ in range(steps):
+        first = loop_slope(along, exponent)
+        second = loop_slope(along + 0.5 * h * first, exponent)
+        third = loop_slope(along + 0.5 * h * second, exponent)
+        along += h / 6.0 * (first + 2.0 * (second + third) + loop_slope(along + h * third, exponent))
+    return along
+
 
 def torque(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
-    """memory = (z, phi) at the last step; z' = (1 - z sgn phi') phi' / saturation has an exact solution along one direction."""
+    """memory = (z, phi) at the last step."""
     side = 1.0 if phi >= memory[1] else -1.0
-    z = side + (memory[0] - side) * np.exp(-abs(phi - memory[1]) / parameter[1])
+    along = follow_loop(side * memory[0], abs(phi - memory[1]) / parameter[1], parameter[2])
     full = parameter[0] * k0 * parameter[1]
-    return full * z, full * (1.0 - side * z) / parameter[1], 0.0
+    return full * side * along, full * loop_slope(along, parameter[2]) / parameter[1], 0.0
 
 
 def advance(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> None:
     side = 1.0 if phi >= memory[1] else -1.0
-    memory[0] = side + (memory[0] - side) * np.exp(-abs(phi - memory[1]) / parameter[1])
+    memory[0] = side * follow_loop(side * memory[0], abs(phi - memory[1]) / parameter[1], parameter[2])
     memory[1] = phi
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    return with_law(setup, LawUse(HINGE, torque, (values["strength_relative"], np.radians(values["saturation_deg"])), advance))
+    shape = (values["strength_relative"], np.radians(values["saturation_deg"]), values["exponent"])
+    return with_law(setup, LawUse(HINGE, torque, shape, advance))
 
 
 EFFECT = Effect(
     id="spring_hysteresis",
     where="hinges",
     left_out="rate-independent loop of the spring (Bouc-Wen)",
-    law="T = s k0 phi_s z, z' = (1 - z sgn(phi')) phi' / phi_s",
-    source="Bouc 1967, Wen 1976, exponent one",
+    law="T = s k0 phi_s z, z' = (1 - |z|^n sgn(z phi')) phi' / phi_s, n = 1 unless given",
+    source="Bouc 1967, Wen 1976",
     parameters=(
         Parameter("strength_relative", 0.02, 1.0),
         Parameter("saturation_deg", 0.5, 20.0, may_be_zero=False),
     ),
     apply=apply,
+    # At a strength of 0.2 and 4 degrees, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.13 N rms at 0.5 and 0.12 N at 3
+    shape=(Parameter("exponent", 0.5, 3.0, may_be_zero=False, neutral=1.0),),
 )
