@@ -72,6 +72,7 @@ def chain_of(rig: RigModel, height_m: float) -> Chain:
         frame_mass=0.0,
         frame_stiffness=0.0,
         frame_damping=0.0,
+        frame_on_sensor=0.0,
     )
 
 

@@ -262,7 +262,7 @@ def measure(
     force[1] = chain.total_mass * chain.gravity + work.outside[1]
     force[2] = work.R[0]
     if q.size > chain.length.size:
-        force[1] -= chain.total_mass * a[chain.length.size]
+        force[1] -= (chain.total_mass + chain.frame_on_sensor * chain.frame_mass) * a[chain.length.size]
     for i in range(chain.length.size):
         sin, cos, ww = work.sin[i], work.cos[i], w[i] * w[i]
         N, F = work.contact[0, i], work.contact[1, i]

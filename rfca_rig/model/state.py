@@ -26,7 +26,7 @@ class Chain(NamedTuple):
 
     `gravity` pulls down and `gravity_along` towards +y. The floor falls away towards +y by an angle whose cosine and sine are
     given. A frame that yields vertically has `frame_mass` > 0 and is the coordinate behind the last link: its sinking, on a
-    spring with damping.
+    spring with damping. The share `frame_on_sensor` of its mass stands between sensor and shaft: the sensor feels its inertia.
     """
 
     length: Floats
@@ -53,6 +53,7 @@ class Chain(NamedTuple):
     frame_mass: float
     frame_stiffness: float
     frame_damping: float
+    frame_on_sensor: float
 
 
 Weights = tuple[float, float, float]  # ca, cw, cq

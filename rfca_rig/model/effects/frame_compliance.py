@@ -13,7 +13,10 @@ def apply(setup: Setup, values: Values) -> Setup:
 
     def yielding(chain: Chain) -> Chain:
         return chain._replace(
-            frame_mass=mass, frame_stiffness=mass * rate * rate, frame_damping=2.0 * values["damping_ratio"] * mass * rate
+            frame_mass=mass,
+            frame_stiffness=mass * rate * rate,
+            frame_damping=2.0 * values["damping_ratio"] * mass * rate,
+            frame_on_sensor=values["mass_on_sensor_share"],
         )
 
     def ringing(chain: Chain, state: State) -> None:
@@ -37,6 +40,9 @@ EFFECT = Effect(
         Parameter("damping_ratio", 0.005, 0.5, starts=(0.03,)),
     ),
     apply=apply,
+    # Where the sensor sits decides what it feels: the leg alone (0), or the spring under the moving mass (1). With 3 kg on 20 Hz the share
+    # changes fz by 2.0 N rms in the first 0.3 s of contact at 215 mm, 2.433 rad/s.
+    shape=(Parameter("mass_on_sensor_share", 0.0, 1.0, starts=(0.05, 0.95)),),
     # a leg that was let go rings the frame, by more than its weight would press it down
     begins=(Parameter("swing_sags", -4.0, 4.0), Parameter("swing_sags_per_s", -400.0, 400.0)),
 )
