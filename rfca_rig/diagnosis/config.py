@@ -24,6 +24,11 @@ class SearchConfig:
         Partners fitted beside each parent.
     converged
         Fits of each size that are brought to their MAP with fresh Jacobians.
+    worth_a_fit
+        Chi-square that an effect must promise to remove, or it is not fitted: less cannot pay for its parameters (Occam factor of about 3
+        in log evidence each).
+    worth_beside_a_good_fit
+        The same beside an explanation that is adequate already: what a law that is off by some percent leaves.
     continued
         Fits that begin again from truncated strokes where nothing is adequate.
     """
@@ -39,6 +44,8 @@ class SearchConfig:
     parents: int = 2
     partners: int = 5
     converged: int = 2
+    worth_a_fit: float = 6.0
+    worth_beside_a_good_fit: float = 60.0
     continued: int = 4
 
 

@@ -43,8 +43,8 @@ def held_out(found: ModelSelectionResult, accepted: Hypothesis) -> Mapping[str, 
     if len(dynamic) < 2:
         return {}
     before, after = (
-        loo_residuals(hypothesis.fitted.linear(rows.measured), found.judge.usual, rows.condition, dynamic)
-        for hypothesis in (found.nothing, accepted)
+        loo_residuals(linear, found.judge.level(linear), rows.condition, dynamic)
+        for linear in (hypothesis.fitted.linear(rows.measured) for hypothesis in (found.nothing, accepted))
     )
     floor = np.sqrt(rows.noise**2 + (found.scatter.columns**2).sum(axis=1))
     figures = {}

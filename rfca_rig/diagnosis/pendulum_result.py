@@ -1,6 +1,7 @@
 """The verdict on a pendulum with the figures beside it. What only a leg has, as valleys, stays empty."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +11,12 @@ from rfca_rig.diagnosis.data.observations import rms
 from rfca_rig.diagnosis.data.pendulum_windows import BIN_S, WINDOW_S
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
+from rfca_rig.diagnosis.decision.wording import describe, describe_unexplained
 from rfca_rig.diagnosis.inference.hypotheses import PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN, Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.screening import projection_of
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
-from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, NotSeen, Overlay, Value, Verdict
-from rfca_rig.diagnosis.result_builder import present_effects
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Grade, NotSeen, Overlay, Value, Verdict
+from rfca_rig.diagnosis.result_builder import moved_priors, present_effects
 from rfca_rig.model.effect import Effect
 
 Floats = NDArray[np.float64]
@@ -24,49 +26,64 @@ FEWEST_STRETCHES = 3
 
 def build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decision: Decision, effects: Sequence[Effect]) -> Diagnosis:
     """The whole answer."""
-    verdict: Verdict = decision.verdict if len(found.evidence.parts) >= FEWEST_STRETCHES else "not enough data"
-    accepted = decision.accepted if verdict == "named" else found.nothing
+    enough = len(found.evidence.parts) >= FEWEST_STRETCHES
+    verdict: Verdict = decision.verdict if enough else "not enough data"
+    grade: Grade = decision.grade if enough else "not enough data"
+    is_stated = grade in ("identified", "mostly")
+    explanation = decision.explanation if enough else found.nothing
+    accepted = explanation if is_stated else found.nothing
     supposed = accepted.fitted.coordinates.supposed(accepted.judgement.posterior.mean)
+    effects_stated = decision.stated if is_stated else ()
+    statement = decision.statement
     return Diagnosis(
         title=campaign.title,
         verdict=verdict,
-        sentence=_sentence(verdict, decision, len(found.evidence.parts)),
+        sentence=_sentence(grade, decision, len(found.evidence.parts)),
         located=(),
         cells=(),
-        effects=decision.effects if verdict == "named" else (),
+        effects=effects_stated,
         gates=decision.gates,
         rivals=decision.rivals[:12],
-        not_seen=_not_seen(found, accepted, effects),
-        fit=_fit(found, accepted),
-        held_out=_held_out(found, accepted),
+        not_seen=_not_seen(found, explanation, effects),
+        fit=_fit(found, explanation),
+        held_out=_held_out(found, explanation),
         valley={},
-        unexplained=_unexplained(verdict, decision),
+        unexplained=_unexplained(grade, decision),
         remarks=(),
         next_experiment=None,
-        believed_values=_values(accepted),
-        overlays=_overlays(found, accepted),
+        believed_values=_values(explanation),
+        overlays=_overlays(found, explanation),
         settings=_settings(found, effects),
         found_effects=present_effects(accepted),
         found_rig=supposed.rig,
+        grade=grade,
+        probability=_probability(grade, decision),
+        family=statement.family if statement else None,
+        explained_share=statement.explained_share if statement else None,
+        moved_priors=moved_priors(explanation),
+        support=tuple(asdict(one) for one in decision.supported),
     )
 
 
-def _sentence(verdict: Verdict, decision: Decision, stretches: int) -> str:
-    if verdict == "named":
-        what = " and ".join(f"{effect.left_out} ({effect.id})" for effect in decision.effects)
-        others = sorted({other for effect in decision.effects for other in effect.cannot_tell_from})
-        tail = f"; these data cannot tell it from {', '.join(others)}" if others else ""
-        return f"The model lacks: {what}, with probability {min(effect.probability for effect in decision.effects):.2f}{tail}."
-    if verdict == "nothing missing":
-        return f"Nothing is missing that these recordings would show, with probability {min(decision.probability_nothing, 0.99):.2f}."
-    if verdict == "not enough data":
+def _sentence(grade: Grade, decision: Decision, stretches: int) -> str:
+    if grade == "not enough data":
         return f"Not enough data for a verdict: {stretches} stretches of two seconds, {FEWEST_STRETCHES} are needed."
-    like = f" It behaves partly like {' with '.join(decision.suspected.ids)}, which is not claimed." if decision.suspected else ""
-    return f"Something is missing that no entry of the catalogue explains.{like}"
+    if grade == "unexplained":
+        return describe_unexplained(decision.suspected.ids if decision.suspected else ())
+    statement = decision.statement
+    return describe(grade, decision.stated, statement.family if statement else None, statement.explained_share if statement else 1.0)
 
 
-def _unexplained(verdict: Verdict, decision: Decision) -> tuple[str, ...]:
-    if verdict in ("named", "nothing missing"):
+def _probability(grade: Grade, decision: Decision) -> float | None:
+    if grade == "identified":
+        return min(effect.probability for effect in decision.effects)
+    if decision.statement is not None and grade != "not enough data":
+        return decision.statement.probability
+    return {"nothing missing": decision.probability_nothing, "unexplained": 1.0 - decision.probability_nothing}.get(grade)
+
+
+def _unexplained(grade: Grade, decision: Decision) -> tuple[str, ...]:
+    if grade in ("identified", "nothing missing"):
         return ()
     closest = (f"closest is {' with '.join(decision.suspected.ids)}, not claimed",) if decision.suspected else ()
     return (*closest, *(f"{gate.name}: {gate.found}" for gate in decision.gates if not gate.passed))
@@ -74,7 +91,8 @@ def _unexplained(verdict: Verdict, decision: Decision) -> tuple[str, ...]:
 
 def _not_seen(found: ModelSelectionResult, accepted: Hypothesis, effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
     fitted = accepted.fitted
-    projection = projection_of(fitted, found.evidence.rows.measured, found.judge.usual)
+    measured = found.evidence.rows.measured
+    projection = projection_of(fitted, measured, found.judge.level(fitted.linear(measured)))
     others = [effect for effect in effects if effect.id not in accepted.ids]
     return find_detection_limits(others, found.trials, projection, fitted.coordinates.supposed(fitted.x).rig)
 

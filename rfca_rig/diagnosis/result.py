@@ -11,6 +11,7 @@ from rfca_rig.model.parameters import PresentEffect, RigModel
 
 Floats = NDArray[np.float64]
 Verdict = Literal["nothing missing", "named", "unexplained", "not enough data"]
+Grade = Literal["identified", "mostly", "family", "nothing missing", "unexplained", "not enough data"]
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,31 @@ class NamedEffect:
 
 
 @dataclass(frozen=True)
+class StatedFamily:
+    """A family of effects: its id, `words` for what is missing, `place` where it acts, its probability, and the ids of its members."""
+
+    id: str
+    words: str
+    place: str
+    probability: float
+    members: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class MovedPrior:
+    """A nuisance parameter that had to move by more than two prior standard deviations.
+
+    `prior` and `now` are values with standard deviations in `unit`; `deviations` is the distance in prior standard deviations.
+    """
+
+    name: str
+    unit: str
+    prior: Value
+    now: Value
+    deviations: float
+
+
+@dataclass(frozen=True)
 class NotSeen:
     """An effect that was looked for and not found: the size that would have been seen, None where none plausible would have."""
 
@@ -126,7 +152,12 @@ class Diagnosed:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The whole answer. `sentence` says the verdict in words; `settings` what it rests on (model error, scatter, priors, seeds)."""
+    """The whole answer. `sentence` says it in words; `settings` what it rests on (model error, scatter, priors, seeds).
+
+    `grade` is what is stated, with `probability`; `verdict` is the same in the words of rfca-diagnosis/1, where "mostly" and "family" are
+    "unexplained". `explained_share` is the share of the removable held-out misfit that the stated effects explain, `remaining` where model
+    and recordings still differ, `support` the numbers that the probabilities rest on.
+    """
 
     title: str
     verdict: Verdict
@@ -148,4 +179,11 @@ class Diagnosis:
     settings: Mapping[str, object]
     found_effects: tuple[PresentEffect, ...]
     found_rig: RigModel
+    grade: Grade
+    probability: float | None
+    family: StatedFamily | None = None
+    explained_share: float | None = None
+    remaining: tuple[Located, ...] = ()
+    moved_priors: tuple[MovedPrior, ...] = ()
+    support: tuple[Mapping[str, object], ...] = ()
     recordings: tuple[Diagnosed, ...] = ()

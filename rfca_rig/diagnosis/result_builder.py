@@ -1,7 +1,7 @@
 """The verdicts on forces and shaft put together, with all figures that a reader wants to see beside them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,13 +10,27 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.data.shaft_observations import late_s, turns_as_commanded
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
+from rfca_rig.diagnosis.decision.wording import describe, describe_unexplained
 from rfca_rig.diagnosis.experiment_design.next_experiment import next_experiment
 from rfca_rig.diagnosis.figures import before_and_after, held_out, overlays, valley_errors
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.screening import projection_of
 from rfca_rig.diagnosis.residual_force.free_form import free_form
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch, lone_channel
-from rfca_rig.diagnosis.result import Diagnosis, Gate, NamedEffect, NotSeen, Overlay, Rival, Value, Verdict
+from rfca_rig.diagnosis.result import (
+    Diagnosis,
+    Gate,
+    Grade,
+    Located,
+    MovedPrior,
+    NamedEffect,
+    NotSeen,
+    Overlay,
+    Rival,
+    StatedFamily,
+    Value,
+    Verdict,
+)
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import PresentEffect
@@ -29,44 +43,56 @@ Floats = NDArray[np.float64]
 
 FEWEST_CONDITIONS = 3
 SHOWS = 3.0  # standard deviations
+MOVED = 2.0  # prior standard deviations: one nuisance in twenty does so by chance
 
 
 def build_result(body: "PreparedData", verdicts: "Findings", effects: Sequence[Effect], limits: Limits | None) -> Diagnosis:
     """The whole answer; `limits` are those of the rig that the next experiment is for, where one is known."""
     leg, decision = verdicts.leg, verdicts.leg_decision
-    verdict = _verdict(body, verdicts)
-    named = _effects(verdict, verdicts)
+    verdict, grade = _verdict(body, verdicts), _grade(body, verdicts)
+    is_stated = grade in ("identified", "mostly")
+    effects_stated = tuple(effect for d in _decisions(verdicts) for effect in d.stated) if is_stated else ()
     cells, places = locate_mismatch(leg.evidence.rows, leg.believed, leg.judge)
     if verdicts.drive is not None:
         drive_cells, drive_places = locate_mismatch(verdicts.drive.evidence.rows, verdicts.drive.believed, verdicts.drive.judge)
         cells, places = (*cells, *drive_cells), (*drive_places, *places)
-    accepted = decision.accepted if verdict == "named" else leg.nothing
-    found_effects = tuple(effect for h in _accepted(verdict, verdicts) for effect in present_effects(h))
+    explanation = decision.explanation if grade not in ("nothing missing", "not enough data") else leg.nothing
+    accepted = explanation if is_stated else leg.nothing
+    found_effects = tuple(effect for d in _decisions(verdicts) for effect in present_effects(d.explanation)) if is_stated else ()
     supposed = accepted.fitted.coordinates.supposed(accepted.judgement.posterior.mean)
     drive_effects = tuple(e for e in found_effects if e.id not in accepted.ids)
     drive = verdicts.drive.believed.coordinates.space.centre.rig.drive if drive_effects and verdicts.drive else supposed.rig.drive
     after = replace(supposed, rig=replace(supposed.rig, drive=drive, effects=(*supposed.rig.effects, *drive_effects)))
+    statements = [d.statement for d in _decisions(verdicts) if d.statement is not None]
+    family = next((s.family for s in statements if s.family is not None), None)
     return Diagnosis(
         title=body.title,
         verdict=verdict,
-        sentence=_sentence(verdict, named, verdicts, body),
+        sentence=sentence(grade, effects_stated, family, verdicts, body),
         located=places,
         cells=cells,
-        effects=named,
+        effects=effects_stated,
         gates=_gates(verdict, verdicts),
         rivals=_joint_rivals(verdicts),
-        not_seen=_not_seen(verdicts, accepted, effects, body),
-        fit=before_and_after(leg, accepted),
-        held_out=held_out(leg, accepted),
+        not_seen=_not_seen(verdicts, explanation, effects, body),
+        fit=before_and_after(leg, explanation),
+        held_out=held_out(leg, explanation),
         valley=valley_errors(body.flaps, leg.believed.coordinates.supposed(leg.believed.x), after, bool(drive_effects)),
-        unexplained=(*_unexplained(verdict, verdicts), *_free_form(verdicts)),
+        unexplained=(*_unexplained(grade, verdicts), *_free_form(verdicts)),
         remarks=(*body.remarks, *_remarks(body, leg), *_late(body, verdicts)),
         next_experiment=next_experiment(body, verdicts, _enough(body), limits),
-        believed_values=_values(accepted),
-        overlays=(*overlays(leg, accepted), *_of_drive(verdict, verdicts)),
+        believed_values=_values(explanation),
+        overlays=(*overlays(leg, explanation), *_of_drive(verdicts)),
         settings=_settings(body, leg, effects),
         found_effects=found_effects,
         found_rig=after.rig,
+        grade=grade,
+        probability=_probability(grade, effects_stated, family, verdicts),
+        family=family,
+        explained_share=min((s.explained_share for s in statements), default=None),
+        remaining=_remaining(leg, explanation) if grade in ("mostly", "family", "unexplained") else (),
+        moved_priors=moved_priors(explanation),
+        support=tuple(asdict(one) for d in _decisions(verdicts) for one in d.supported),
     )
 
 
@@ -80,12 +106,8 @@ def _decisions(verdicts: "Findings") -> tuple[Decision, ...]:
     return (verdicts.leg_decision,) if verdicts.drive_decision is None else (verdicts.leg_decision, verdicts.drive_decision)
 
 
-def _accepted(verdict: Verdict, verdicts: "Findings") -> tuple[Hypothesis, ...]:
-    return tuple(d.accepted for d in _decisions(verdicts) if d.verdict == "named") if verdict == "named" else ()
-
-
 def _verdict(body: "PreparedData", verdicts: "Findings") -> Verdict:
-    """A name in either is a name, if nothing that has none is left in the other."""
+    """An identified effect in either is one, if nothing that has none is left in the other."""
     each = [decision.verdict for decision in _decisions(verdicts)]
     if all(verdict == "nothing missing" for verdict in each):
         return "nothing missing" if _enough(body) else "not enough data"
@@ -94,40 +116,58 @@ def _verdict(body: "PreparedData", verdicts: "Findings") -> Verdict:
     return "unexplained" if "unexplained" in each else "named"
 
 
+def _grade(body: "PreparedData", verdicts: "Findings") -> Grade:
+    """The forces and the shaft's own motion together: the weakest of what is stated, "mostly" where one of them stays unexplained."""
+    if not _enough(body):
+        return "not enough data"
+    each = [decision.grade for decision in _decisions(verdicts)]
+    if all(grade == "nothing missing" for grade in each):
+        return "nothing missing"
+    if all(grade in ("identified", "nothing missing") for grade in each):
+        return "identified"
+    if any(decision.stated for decision in _decisions(verdicts)):
+        return "mostly"
+    return "family" if "family" in each else "unexplained"
+
+
 def _enough(body: "PreparedData") -> bool:
     return len(body.flaps) >= FEWEST_CONDITIONS
 
 
-def _effects(verdict: Verdict, verdicts: "Findings") -> tuple[NamedEffect, ...]:
-    return tuple(effect for d in _decisions(verdicts) for effect in d.effects) if verdict == "named" else ()
-
-
-def _sentence(verdict: Verdict, named: Sequence[NamedEffect], verdicts: "Findings", body: "PreparedData") -> str:
-    if verdict == "named":
-        what = " and ".join(f"{effect.left_out} ({effect.id})" for effect in named)
-        others = sorted({other for effect in named for other in effect.cannot_tell_from})
-        tail = f"; these data cannot tell it from {', '.join(others)}" if others else ""
-        return f"The model lacks: {what}{tail}."
-    if verdict == "nothing missing":
-        return "Nothing is missing that these recordings would show."
-    if verdict == "not enough data":
+def sentence(grade: Grade, stated: Sequence[NamedEffect], family: StatedFamily | None, verdicts: "Findings", body: "PreparedData") -> str:
+    """The answer in one or two sentences."""
+    if grade == "not enough data":
         return f"Not enough data for a verdict: {len(body.flaps)} usable conditions, {FEWEST_CONDITIONS} are needed."
-    suspects = [d.suspected for d in _decisions(verdicts) if d.suspected is not None]
-    like = f" It behaves partly like {' with '.join(suspects[0].ids)}, which is not claimed." if suspects else ""
-    return f"Something is missing that no entry of the catalogue explains.{like}{_explained_apart(verdicts)}"
+    if grade == "unexplained":
+        suspects = [d.suspected for d in _decisions(verdicts) if d.suspected is not None]
+        return describe_unexplained(suspects[0].ids if suspects else ())
+    shares = [d.statement.explained_share for d in _decisions(verdicts) if d.statement is not None]
+    left = any(d.grade == "unexplained" for d in _decisions(verdicts))
+    return describe(grade, stated, family, min(shares, default=1.0)) + (" Something else remains unexplained." if left else "")
 
 
-def _explained_apart(verdicts: "Findings") -> str:
-    """What has a name in the forces or in the shaft's own motion, where the other has something without one."""
-    of_which = zip(("the forces show", "the shaft itself does"), _decisions(verdicts), strict=False)
-    named = [(what, effect) for what, decision in of_which for effect in decision.effects]
-    return "".join(f" What {what} is explained by: {effect.left_out} ({effect.id})." for what, effect in named)
+def _probability(grade: Grade, stated: Sequence[NamedEffect], family: StatedFamily | None, verdicts: "Findings") -> float | None:
+    """The calibrated probability of what is stated; for nothing missing and unexplained that of the hypotheses' comparison."""
+    if grade in ("identified", "mostly"):
+        return min(effect.probability for effect in stated)
+    if grade == "family" and family is not None:
+        return family.probability
+    if grade == "not enough data":
+        return None
+    nothing = float(np.prod([decision.probability_nothing for decision in _decisions(verdicts)]))
+    return nothing if grade == "nothing missing" else 1.0 - nothing
 
 
-def _of_drive(verdict: Verdict, verdicts: "Findings") -> tuple[Overlay, ...]:
+def _remaining(leg: ModelSelectionResult, explanation: Hypothesis) -> tuple[Located, ...]:
+    """Where recordings and explanation still differ, worst first."""
+    fitted = explanation.fitted
+    return locate_mismatch(leg.evidence.rows, replace(fitted, predicted=explanation.rows), leg.judge)[1]
+
+
+def _of_drive(verdicts: "Findings") -> tuple[Overlay, ...]:
     if verdicts.drive is None or verdicts.drive_decision is None:
         return ()
-    return overlays(verdicts.drive, verdicts.drive_decision.accepted if verdict == "named" else verdicts.drive.nothing)
+    return overlays(verdicts.drive, verdicts.drive_decision.explanation)
 
 
 def _gates(verdict: Verdict, verdicts: "Findings") -> tuple[Gate, ...]:
@@ -152,13 +192,14 @@ def _joint_rivals(verdicts: "Findings") -> tuple[Rival, ...]:
 def _not_seen(verdicts: "Findings", accepted: Hypothesis, effects: Sequence[Effect], body: "PreparedData") -> tuple[NotSeen, ...]:
     leg = verdicts.leg
     measured = leg.evidence.rows.measured
-    projection = projection_of(accepted.fitted, measured, leg.judge.usual)
+    # What remains unexplained could hide an effect: it counts as discrepancy of its own size, the usual one at least.
+    projection = projection_of(accepted.fitted, measured, leg.judge.level(accepted.fitted.linear(measured)))
     others = [effect for effect in effects if effect.id not in accepted.ids]
     return find_detection_limits(others, leg.trials, projection, body.rig)
 
 
-def _unexplained(verdict: Verdict, verdicts: "Findings") -> tuple[str, ...]:
-    if verdict in ("named", "nothing missing"):
+def _unexplained(grade: Grade, verdicts: "Findings") -> tuple[str, ...]:
+    if grade in ("identified", "nothing missing"):
         return ()
     suspects = [d.suspected for d in _decisions(verdicts) if d.suspected is not None]
     failed = [f"{gate.name}: {gate.found}" for d in _decisions(verdicts) for gate in d.gates if not gate.passed]
@@ -193,6 +234,18 @@ def _late(body: "PreparedData", verdicts: "Findings") -> tuple[str, ...]:
     fitted_ms = _values(verdicts.drive_decision.accepted)["command_delay"]
     said = f"the drive does what it is told {fitted_ms.value:.1f} ms late (standard deviation {fitted_ms.std:.1f} ms)"
     return (said,) if fitted_ms.value > SHOWS * fitted_ms.std else ()
+
+
+def moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
+    """The nuisance parameters that had to move by more than MOVED prior standard deviations, farthest first."""
+    space, posterior = hypothesis.fitted.coordinates.space, hypothesis.judgement.posterior
+    centres, stds, values = space.centres, space.prior_std, _values(hypothesis)
+    found = [
+        MovedPrior(p.name, p.unit, Value(float(centre), float(std)), values[p.name], float(z))
+        for p, centre, std, z in zip(space.parameters, centres, stds, posterior.mean, strict=False)
+        if abs(z) > MOVED
+    ]
+    return tuple(sorted(found, key=lambda one: -abs(one.deviations)))
 
 
 def _values(hypothesis: Hypothesis) -> Mapping[str, Value]:

@@ -138,8 +138,8 @@ def _weight_Nm(pendulum: Pendulum, angle_rad: Floats) -> Floats:
 def _started(window: SwingWindow, pendulum: Pendulum, torque_Nm: Floats) -> StartedWindow:
     scale = _scale(window, pendulum, torque_Nm)
     effect = window.start_effect.reshape(len(window.start_effect), -1)
-    weigh_models = effect / (window.sensor_std**2 + (USUAL_ERROR * scale) ** 2).ravel()
-    gain = np.linalg.solve(weigh_models @ effect.T + np.eye(len(effect)), weigh_models)
+    weighted = effect / (window.sensor_std**2 + (USUAL_ERROR * scale) ** 2).ravel()
+    gain = np.linalg.solve(weighted @ effect.T + np.eye(len(effect)), weighted)
     return StartedWindow(window, scale, np.asarray(gain, dtype=np.float64))
 
 

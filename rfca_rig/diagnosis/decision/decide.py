@@ -1,19 +1,21 @@
 """From the weighed hypotheses to a verdict: which name may be printed, with what probability, and what it cannot be told from."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import expit, logsumexp
 
 from rfca_rig.diagnosis.decision.acceptance import AS_USUAL, ONE_VALUE, acceptance_tests, at_usual_error, describe_strain, left_out
+from rfca_rig.diagnosis.decision.comparison import compare
 from rfca_rig.diagnosis.decision.detection_limits import size_parameter, without_effect
+from rfca_rig.diagnosis.decision.grade import Statement, Supported, state, support_of_best
 from rfca_rig.diagnosis.inference.forward_selection import CLEARLY_NEEDED
 from rfca_rig.diagnosis.inference.hypotheses import PRIOR_UNKNOWN, Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, std_of, value_of
 from rfca_rig.diagnosis.likelihood.cross_validation import MAX_LOO_RMS
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import GOOD_FIT
-from rfca_rig.diagnosis.result import Gate, NamedEffect, Rival, Value, Verdict
+from rfca_rig.diagnosis.result import Gate, Grade, NamedEffect, Rival, Value, Verdict
 from rfca_rig.model.effect import Effect, Parameter
 from rfca_rig.model.parameters import RigModel
 
@@ -37,10 +39,46 @@ class Decision:
     rivals: tuple[Rival, ...]
     suspected: Hypothesis | None
     probability_nothing: float
+    statement: Statement | None = None
+    supported: tuple[Supported, ...] = ()
+
+    @property
+    def grade(self) -> Grade:
+        """What is stated."""
+        if self.verdict == "named":
+            return "identified"
+        return self.verdict if self.statement is None else self.statement.grade
+
+    @property
+    def explanation(self) -> Hypothesis:
+        """The hypothesis behind the statement, nothing missing where nothing is stated."""
+        return self.accepted if self.statement is None else self.statement.explanation
+
+    @property
+    def stated(self) -> tuple[NamedEffect, ...]:
+        """The effects that are stated, at whatever grade."""
+        return self.effects if self.statement is None else self.statement.effects
 
 
 def decide(found: ModelSelectionResult, candidates: int) -> Decision:
-    """The verdict; `candidates` is how many effects were looked for.
+    """The verdict, and what can be stated where no law holds to the usual model error.
+
+    Parameters
+    ----------
+    found
+        What the search left.
+    candidates
+        How many effects were looked for.
+    """
+    decision = _decide_strictly(found, candidates)
+    comparison = compare(found, candidates)
+    supported = support_of_best(comparison)
+    statement = state(comparison, supported) if decision.verdict == "unexplained" else None
+    return replace(decision, statement=statement, supported=supported)
+
+
+def _decide_strictly(found: ModelSelectionResult, candidates: int) -> Decision:
+    """The verdict where a law must hold to the usual model error.
 
     Where the likeliest hypothesis fails a gate, the simpler ones inside it are asked: what is surely there keeps its name though a
     partner is refused.

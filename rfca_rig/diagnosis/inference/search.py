@@ -109,11 +109,17 @@ def search_models(
     probes = probe_effects(state.descent.evidence, state.nominal, terms)
     projection = _projection(state.descent, state.nominal)
     progress("each effect", 0.25)
-    state = _fit_best(state, _single_starts(projection, probes, state.nominal, config), config.singles_coarse, config.singles_full)
+    state = _fit_best(
+        state,
+        _single_starts(projection, probes, state.nominal, config.starts_per_effect, config.worth_a_fit),
+        config.singles_coarse,
+        config.singles_full,
+    )
     state = _learn(_converge(state, 1, config), stopped_as_told, GOOD_FIT)
     progress("pairs of effects", 0.5)
-    starts = _pair_starts(projection, probes, state.nominal, config)
-    state = _fit_best(state, starts, config.pairs_coarse, config.pairs_full)
+    if not _is_adequate(state):
+        starts = _pair_starts(projection, probes, state.nominal, config)
+        state = _fit_best(state, starts, config.pairs_coarse, config.pairs_full)
     state = _fit_best(state, _partner_starts(state, 1, terms, config), config.parents * config.partners, config.pairs_full)
     state = _converge(state, 2, config)
     if not _is_adequate(state):
@@ -158,15 +164,17 @@ def _projection(descent: GaussNewton, fit: MapFit) -> Projection:
     return projection_of(fit, measured, descent.judge.level(fit.linear(measured)))
 
 
-def _single_starts(projection: Projection, probes: Sequence[EffectProbe], base: MapFit, config: SearchConfig) -> list[Start]:
-    """The best grid points of every effect, most promising first, beside `base`."""
+def _single_starts(projection: Projection, probes: Sequence[EffectProbe], base: MapFit, count: int, least: float) -> list[Start]:
+    """At most `count` grid points of every effect beside `base`, most promising first, of effects that promise `least` of chi-square."""
     by_term: dict[EffectTerm, list[tuple[float, EffectProbe]]] = {}
     for probe in probes:
         by_term.setdefault(probe.choice, []).append((projection.gain(probe.signature)[0], probe))
-    found = []
+    found: list[tuple[float, EffectProbe]] = []
     for points in by_term.values():
         points.sort(key=lambda pair: -pair[0])
-        found += [pair for pair in points[: config.starts_per_effect] if pair[0] >= 0.5 * points[0][0]]
+        if points[0][0] < least:
+            continue
+        found += [pair for pair in points[:count] if pair[0] >= 0.5 * points[0][0]]
     return [_beside(base, (probe,)) for _, probe in sorted(found, key=lambda pair: -pair[0])]
 
 
@@ -197,13 +205,13 @@ def _joint_gains(projection: Projection, probes: Sequence[EffectProbe]) -> Float
 
 def _partner_starts(state: SearchState, size: int, terms: Terms, config: SearchConfig) -> list[Start]:
     """One effect more beside the best sets of a size, screened by what it would do to a model that has these effects already."""
-    found = []
-    for parent in state.of_size(size)[: config.parents if size == 1 else 1]:
+    found: list[Start] = []
+    least = config.worth_beside_a_good_fit if _is_adequate(state) else config.worth_a_fit
+    for parent in state.of_size(size)[: config.parents if size == 1 and least == config.worth_a_fit else 1]:
         here = _restrict(parent, state)
         own = {term.effect.id for term in parent.coordinates.choices}
         probes = probe_effects(state.coarse.evidence, here, [term for term in terms if term.effect.id not in own])
-        narrow = replace(config, starts_per_effect=1)
-        found += _single_starts(_projection(state.coarse, here), probes, here, narrow)[: config.partners]
+        found += _single_starts(_projection(state.coarse, here), probes, here, 1, least)[: config.partners]
     return found
 
 

@@ -151,7 +151,7 @@ class AtError:
         """The same of values that were turned into the basis already."""
         return self._shrinking(turned * (self._scale if turned.ndim == 1 else self._scale[:, None]))
 
-    def weigh_models(self, values: Floats) -> Floats:
+    def weighted(self, values: Floats) -> Floats:
         """C(s)^-1 times columns (m, p)."""
         return self.basis.turned_again(self._scale[:, None] * self._shrinking(self(values)))
 

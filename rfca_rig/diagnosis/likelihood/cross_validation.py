@@ -24,24 +24,32 @@ def loo_residuals(linear: Linear, whitening: AtError, condition: NDArray[np.intp
 
     Rows of other conditions are 0.
     """
-    both, unknowns = np.column_stack([linear.jacobian, linear.target]), linear.jacobian.shape[1]
-    weigh_models = whitening.weigh_models(both)
     apart = np.zeros(len(linear.target))
-    for number in left_out:
+    numbers = list(left_out)
+    for number, mean in zip(numbers, loo_estimates(linear, whitening, condition, numbers), strict=True):
         out = condition == number
-        others, _ = products_without(both, weigh_models, whitening, out)
-        mean = np.linalg.solve(others[:unknowns, :unknowns] + np.eye(unknowns), others[:unknowns, unknowns])
         apart[out] = linear.target[out] - linear.jacobian[out] @ mean
     return apart
 
 
-def products_without(both: Floats, weigh_models: Floats, whitening: AtError, out: NDArray[np.bool_]) -> tuple[Floats, float]:
-    """Products (k, k) of columns `both` (m, k) under the covariance of all rows but those `out`, and the log of its determinant; `weighed`
-    are the columns weighed by the inverse covariance of all rows.
+def loo_estimates(linear: Linear, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
+    """Posterior means of the unknowns (conditions, p), each from all rows but those of one condition of `left_out`."""
+    both, unknowns = np.column_stack([linear.jacobian, linear.target]), linear.jacobian.shape[1]
+    weighted = whitening.weighted(both)
+    means = []
+    for number in left_out:
+        others, _ = products_without(both, weighted, whitening, condition == number)
+        means.append(np.linalg.solve(others[:unknowns, :unknowns] + np.eye(unknowns), others[:unknowns, unknowns]))
+    return np.array(means).reshape(-1, unknowns)
+
+
+def products_without(both: Floats, weighted: Floats, whitening: AtError, out: NDArray[np.bool_]) -> tuple[Floats, float]:
+    """Products (k, k) of columns `both` (m, k) under the covariance of all rows but those `out`, and the log of its determinant; `weighted`
+    are the columns weighted by the inverse covariance of all rows.
     """
     own = cho_factor(whitening.precision(out), check_finite=False)
-    taken = weigh_models[out].T @ cho_solve(own, weigh_models[out], check_finite=False)
-    return both.T @ weigh_models - taken, whitening.log_det + 2.0 * float(np.log(np.diag(own[0])).sum())
+    taken = weighted[out].T @ cho_solve(own, weighted[out], check_finite=False)
+    return both.T @ weighted - taken, whitening.log_det + 2.0 * float(np.log(np.diag(own[0])).sum())
 
 
 def loo_rms(linear: Linear, usual: AtError, rows: Observations) -> Floats:

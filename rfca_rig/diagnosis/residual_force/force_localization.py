@@ -190,10 +190,10 @@ def system_of(scene: Scene, whitening: Whitening, response: Floats) -> System:
 def systems_without_each(scene: Scene, whitening: AtError, response: Floats) -> list[System]:
     """The systems of the same response, each without the rows of one condition."""
     both = np.column_stack([scene.jacobian, response, scene.target])
-    weigh_models = whitening.weigh_models(both)
+    weighted = whitening.weighted(both)
     found = []
     for number in range(len(scene.conditions)):
-        products, log_det = products_without(both, weigh_models, whitening, scene.rows.condition == number)
+        products, log_det = products_without(both, weighted, whitening, scene.rows.condition == number)
         found.append(System(products[:-1, :-1], products[:-1, -1], -0.5 * (float(products[-1, -1]) + log_det), scene.jacobian.shape[1]))
     return found
 

@@ -24,6 +24,6 @@ EFFECT = Effect(
     apply=apply,
     # Turn before a stuck pin slips; the neutral one, 1 mrad, is far below what a photo resolves
     # At 0.05 N m, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.08 N rms at 0.02 degrees and 0.67 N at 1.5 degrees
-    shape=(Parameter("presliding_deg", 0.02, 1.5, may_be_zero=False, neutral=float(np.degrees(1e-3))),),
+    shape=(Parameter("presliding_deg", 0.02, 1.5, may_be_zero=False, starts=(0.06, 0.4), neutral=float(np.degrees(1e-3))),),
     begins=(Parameter("let_go", -2.0, 2.0),),  # a leg that swung before comes to rest with pins that hold it less, or down
 )

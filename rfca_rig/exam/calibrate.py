@@ -1,0 +1,159 @@
+"""Fits the probabilities of statements to benchmark cases: python -m rfca_rig.exam.calibrate FOLDER... --out calibration.json
+
+Every FOLDER is a finished benchmark (`rfca-rig prove`). Each diagnosis in it holds the support of the effects and families of its best
+explanation; the truths, which are opened for this, say which of them are there. What a benchmark taught cannot judge the result: take
+other seeds for that.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import expit, log_expit
+
+from rfca_rig.diagnosis.decision.calibration import FEATURES, FORMAT, features_in
+from rfca_rig.errors import BadInput, RigError
+from rfca_rig.exam.examine import DIAGNOSES
+from rfca_rig.exam.plan import read_plan
+from rfca_rig.exam.sealing import open_all
+from rfca_rig.model.families import FAMILIES
+from rfca_rig.recording.atomic import write_atomically
+
+Floats = NDArray[np.float64]
+
+RIDGE = 1.0  # prior standard deviation of a weight is 1 per standard deviation of its feature
+FOLDS = 10
+BINS = 10
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """Statements of one kind: features (n, f), whether each is true (n,), and the case that each comes from (n,)."""
+
+    features: Floats
+    true: NDArray[np.bool_]
+    case: NDArray[np.str_]
+
+
+def read_labelled(folders: Sequence[Path], kind: str) -> Labelled:
+    """All statements of a kind ("effect" or "family") in finished benchmarks.
+
+    Raises
+    ------
+    BadInput
+        Where none of the folders holds one.
+    """
+    features, true, case = [], [], []
+    for folder in folders:
+        for truth in open_all(folder):
+            path = folder / DIAGNOSES / truth["case"] / "diagnosis.json"
+            if not path.is_file():
+                continue
+            for one in json.loads(path.read_text(encoding="utf-8")).get("support", ()):
+                if one["kind"] == kind:
+                    features.append(features_in(one["values"]))
+                    true.append(_is_true(kind, one["id"], truth))
+                    case.append(f"{folder.name}/{truth['case']}")
+    if not features:
+        raise BadInput(f"{', '.join(map(str, folders))}: no diagnosis with support for a calibration; run rfca-rig prove first")
+    return Labelled(np.array(features), np.array(true), np.array(case))
+
+
+def _is_true(kind: str, name: str, truth: Mapping[str, Any]) -> bool:
+    right = {*truth["effects"], *truth["also_right"]}
+    if kind == "effect":
+        return name in right
+    members = next((family.members for family in FAMILIES if family.id == name), frozenset((name,)))
+    return bool(right & members)
+
+
+def fit_weights(labelled: Labelled) -> tuple[float, Floats]:
+    """Intercept and weights (f,) of the most probable logistic regression; each weight has the sign of its feature.
+
+    Weights are penalised by a normal prior in units of the features' spread, the intercept is free.
+    """
+    spread = np.maximum(labelled.features.std(axis=0), 1e-9)
+    middle = labelled.features.mean(axis=0)
+    scaled = (labelled.features - middle) / spread
+    sign = np.where(labelled.true, 1.0, -1.0)
+
+    def cost(parameters: Floats) -> tuple[float, Floats]:
+        logit = sign * (parameters[0] + scaled @ parameters[1:])
+        slope = -sign * expit(-logit)
+        gradient = np.append(slope.sum(), scaled.T @ slope + parameters[1:] / RIDGE**2)
+        return float(-log_expit(logit).sum() + 0.5 * (parameters[1:] ** 2).sum() / RIDGE**2), gradient
+
+    bounds = [(None, None), *((0.0, None) if feature.sign > 0 else (None, 0.0) for feature in FEATURES)]
+    found = minimize(cost, np.zeros(1 + len(FEATURES)), jac=True, method="L-BFGS-B", bounds=bounds).x
+    weights = found[1:] / spread
+    return float(found[0] - weights @ middle), np.asarray(weights)
+
+
+def cross_validate(labelled: Labelled) -> Floats:
+    """The probability of each statement from a fit to the other folds, (n,); the statements of one case stay together."""
+    cases = np.unique(labelled.case)
+    fold_of = dict(zip(cases.tolist(), np.arange(len(cases)) % FOLDS, strict=True))
+    fold = np.array([fold_of[case] for case in labelled.case.tolist()])
+    found = np.empty(len(fold))
+    for number in range(FOLDS):
+        out = fold == number
+        if out.any() and not out.all():
+            intercept, weights = fit_weights(Labelled(labelled.features[~out], labelled.true[~out], labelled.case[~out]))
+            found[out] = expit(intercept + labelled.features[out] @ weights)
+    return found
+
+
+def calibration_error(probability: Floats, true: NDArray[np.bool_]) -> float:
+    """Expected calibration error over BINS equal bins of the probability (Naeini et al., AAAI 2015)."""
+    bins = np.minimum((probability * BINS).astype(int), BINS - 1)
+    return float(sum(abs(probability[bins == b].sum() - true[bins == b].sum()) for b in range(BINS)) / len(true))
+
+
+def calibrate(folders: Sequence[Path]) -> dict[str, Any]:
+    """The content of calibration.json from finished benchmarks."""
+    content: dict[str, Any] = {"format": FORMAT, "benchmarks": [read_plan(folder).words for folder in folders]}
+    for kind in ("effect", "family"):
+        labelled = read_labelled(folders, kind)
+        intercept, weights = fit_weights(labelled)
+        probability = cross_validate(labelled)
+        stated = probability >= 0.8
+        content[kind] = {
+            "intercept": round(intercept, 4),
+            "weights": {feature.name: round(float(weight), 4) for feature, weight in zip(FEATURES, weights, strict=True)},
+            "statements": len(labelled.true),
+            "true": int(labelled.true.sum()),
+            "cross_validated": {
+                "calibration_error": round(calibration_error(probability, labelled.true), 4),
+                "log_score": round(float(np.mean(np.log(np.where(labelled.true, probability, 1.0 - probability)))), 4),
+                "stated_at_0.8": int(stated.sum()),
+                "wrong_of_these": int((~labelled.true[stated]).sum()),
+            },
+        }
+    return content
+
+
+def main() -> int:
+    """The command."""
+    parser = argparse.ArgumentParser(description="Calibrates the probabilities of statements on finished benchmarks.")
+    parser.add_argument("folders", type=Path, nargs="+", help="folders of rfca-rig prove")
+    parser.add_argument("--out", type=Path, required=True, help="calibration.json")
+    asked = parser.parse_args()
+    try:
+        content = calibrate(asked.folders)
+        write_atomically(asked.out, (json.dumps(content, indent=1) + "\n").encode())
+    except RigError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    print(json.dumps({kind: content[kind]["cross_validated"] for kind in ("effect", "family")}, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,90 @@
+"""Families of effects: what can be said where the data do not tell one law from another.
+
+An effect may belong to several families, as hysteresis both dissipates and remembers. A family has one place.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Family:
+    """Effects that do alike.
+
+    Parameters
+    ----------
+    id
+        Its name in diagnosis.json.
+    words
+        What is missing, as an engineer would say it.
+    place
+        Where it acts: hinges, tip, ground, drive, rig, surroundings, sensor, or joints of a pendulum.
+    members
+        Ids of the catalogue's effects.
+    """
+
+    id: str
+    words: str
+    place: str
+    members: frozenset[str]
+
+
+FAMILIES = (
+    Family(
+        "hinge_dissipation",
+        "the hinges dissipate energy: friction, damping or hysteresis",
+        "hinges",
+        frozenset(("hinge_coulomb_friction", "hinge_viscous_damping", "spring_hysteresis", "spring_relaxation")),
+    ),
+    Family(
+        "spring_memory",
+        "the spring remembers how it was bent: hysteresis, relaxation or dry friction in the hinges",
+        "hinges",
+        frozenset(("spring_hysteresis", "spring_relaxation", "hinge_coulomb_friction")),
+    ),
+    Family(
+        "hinge_stiffness",
+        "the torque of the hinges over their angle differs: play, stop, a softer hinge or another hardening",
+        "hinges",
+        frozenset(("hinge_backlash", "hinge_stop", "damaged_hinge", "stiffness_hardening")),
+    ),
+    Family("leg_mass", "mass sits elsewhere on the leg", "tip", frozenset(("tip_mass", "added_mass"))),
+    Family("floor_friction", "floor friction is not constant", "ground", frozenset(("ground_stribeck",))),
+    Family("floor_yields", "the floor or what carries it yields", "ground", frozenset(("ground_compliance", "frame_compliance"))),
+    Family("floor_holds", "the floor holds the leg back when it leaves", "ground", frozenset(("ground_adhesion",))),
+    Family("floor_geometry", "the floor is elsewhere than stated: height or slope", "ground", frozenset(("height_offset", "ground_tilt"))),
+    Family("rig_tilt", "the rig is not plumb", "rig", frozenset(("gravity_tilt",))),
+    Family("rig_yields", "the frame under the shaft yields", "rig", frozenset(("frame_compliance",))),
+    Family(
+        "drive_yields",
+        "the shaft does not turn as commanded: the drive or its coupling yields",
+        "drive",
+        frozenset(("motor_speed_droop", "shaft_compliance")),
+    ),
+    Family("drive_ripple", "the speed of the shaft varies with its angle", "drive", frozenset(("motor_speed_ripple",))),
+    Family("air_drag", "the surroundings resist the motion", "surroundings", frozenset(("fluid_drag",))),
+    Family("sensor_late", "the sensor is late: a filter or a delay", "sensor", frozenset(("sensor_lag", "clock_offset"))),
+    Family("sensor_scale", "the force scale is wrong: gain or crosstalk", "sensor", frozenset(("sensor_gain", "sensor_crosstalk"))),
+    Family("sensor_zero", "the zero of the force sensor moves", "sensor", frozenset(("sensor_drift",))),
+    Family(
+        "joint_dissipation",
+        "the joints dissipate energy: dry, viscous or load-dependent friction",
+        "joints",
+        frozenset(
+            ("joint_friction", "joint_friction_of_one", "joint_stribeck", "joint_load_friction", "hinge_viscous_damping", "fluid_drag")
+        ),
+    ),
+    Family("joint_inertia", "the joints carry more inertia", "joints", frozenset(("joint_inertia", "added_mass"))),
+    Family("torque_scale", "the torque is not what was recorded", "joints", frozenset(("torque_scale", "torque_lag", "torque_delay"))),
+)
+
+
+def families_of(effect_id: str) -> tuple[Family, ...]:
+    """The families that an effect belongs to; a lab's own effect is a family of its own."""
+    found = tuple(family for family in FAMILIES if effect_id in family.members)
+    return found or (Family(effect_id, effect_id.replace("_", " "), "", frozenset((effect_id,))),)
+
+
+def related(ids: Iterable[str]) -> frozenset[str]:
+    """All members of the families of these effects, themselves among them."""
+    return frozenset().union(*(family.members for effect in ids for family in families_of(effect)))
