@@ -24,7 +24,9 @@ Ended = Annotated[
 Verdict = Annotated[
     str,
     typer.Option(
-        "--verdict", metavar="WHAT", help="Of its diagnosis: named, unexplained, nothing-missing, not-enough-data, none; or an effect."
+        "--verdict",
+        metavar="WHAT",
+        help="Of its diagnosis: named, mostly, family, unexplained, nothing-missing, not-enough-data, none; or an effect.",
     ),
 ]
 

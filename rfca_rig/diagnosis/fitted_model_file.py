@@ -16,7 +16,7 @@ HEIGHT_OFFSET = "height_offset"
 
 def write_fitted_model(path: Path, diagnosis: Diagnosis, recording: Recording) -> bool:
     """Writes the model with the named effects; False, and no file, where none was named. Raises RigError where the disk refuses."""
-    if diagnosis.verdict != "named":
+    if not diagnosis.found_effects:
         path.unlink(missing_ok=True)
         return False
     rig = diagnosis.found_rig

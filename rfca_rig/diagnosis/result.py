@@ -89,6 +89,15 @@ class StatedFamily:
 
 
 @dataclass(frozen=True)
+class StatedPlace:
+    """Where something unlisted acts: hinges, ground, drive or sensor, in `words`, with its probability."""
+
+    id: str
+    words: str
+    probability: float
+
+
+@dataclass(frozen=True)
 class MovedPrior:
     """A nuisance parameter that had to move by more than two prior standard deviations.
 
@@ -182,6 +191,7 @@ class Diagnosis:
     grade: Grade
     probability: float | None
     family: StatedFamily | None = None
+    place: StatedPlace | None = None
     explained_share: float | None = None
     remaining: tuple[Located, ...] = ()
     moved_priors: tuple[MovedPrior, ...] = ()

@@ -15,7 +15,7 @@ from rfca_rig.diagnosis.experiment_design.next_experiment import next_experiment
 from rfca_rig.diagnosis.figures import before_and_after, held_out, overlays, valley_errors
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.screening import projection_of
-from rfca_rig.diagnosis.residual_force.free_form import free_form
+from rfca_rig.diagnosis.residual_force.free_form import free_form, place_of
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch, lone_channel
 from rfca_rig.diagnosis.result import (
     Diagnosis,
@@ -28,6 +28,7 @@ from rfca_rig.diagnosis.result import (
     Overlay,
     Rival,
     StatedFamily,
+    StatedPlace,
     Value,
     Verdict,
 )
@@ -65,6 +66,7 @@ def build_result(body: "PreparedData", verdicts: "Findings", effects: Sequence[E
     after = replace(supposed, rig=replace(supposed.rig, drive=drive, effects=(*supposed.rig.effects, *drive_effects)))
     statements = [d.statement for d in _decisions(verdicts) if d.statement is not None]
     family = next((s.family for s in statements if s.family is not None), None)
+    place, free_text = _free_form(grade, verdicts)
     return Diagnosis(
         title=body.title,
         verdict=verdict,
@@ -78,7 +80,7 @@ def build_result(body: "PreparedData", verdicts: "Findings", effects: Sequence[E
         fit=before_and_after(leg, explanation),
         held_out=held_out(leg, explanation),
         valley=valley_errors(body.flaps, leg.believed.coordinates.supposed(leg.believed.x), after, bool(drive_effects)),
-        unexplained=(*_unexplained(grade, verdicts), *_free_form(verdicts)),
+        unexplained=(*_unexplained(grade, verdicts), *free_text),
         remarks=(*body.remarks, *_remarks(body, leg), *_late(body, verdicts)),
         next_experiment=next_experiment(body, verdicts, _enough(body), limits),
         believed_values=_values(explanation),
@@ -89,6 +91,7 @@ def build_result(body: "PreparedData", verdicts: "Findings", effects: Sequence[E
         grade=grade,
         probability=_probability(grade, effects_stated, family, verdicts),
         family=family,
+        place=place,
         explained_share=min((s.explained_share for s in statements), default=None),
         remaining=_remaining(leg, explanation) if grade in ("mostly", "family", "unexplained") else (),
         moved_priors=moved_priors(explanation),
@@ -206,15 +209,15 @@ def _unexplained(grade: Grade, verdicts: "Findings") -> tuple[str, ...]:
     return (*(f"closest is {' with '.join(s.ids)}, not claimed" for s in suspects), *failed)
 
 
-def _free_form(verdicts: "Findings") -> tuple[str, ...]:
+def _free_form(grade: Grade, verdicts: "Findings") -> tuple[StatedPlace | None, tuple[str, ...]]:
     """Where a force that nobody listed would have to act, and its law if it has a plain one: empirical, cause not known."""
-    if verdicts.leg_decision.verdict != "unexplained":
-        return ()
+    if grade != "unexplained" or verdicts.leg_decision.grade != "unexplained":
+        return None, ()
     try:
         free = free_form(verdicts.leg)
     except SimulationFailed as error:
-        return (f"no free force could be estimated: {error}",)
-    return () if free is None else (free.text,)
+        return None, (f"no free force could be estimated: {error}",)
+    return (None, ()) if free is None else (place_of(free), (free.text,))
 
 
 def _remarks(body: "PreparedData", leg: ModelSelectionResult) -> tuple[str, ...]:

@@ -36,6 +36,9 @@ def stamp_of(stat: os.stat_result) -> str:
     return f"{stat.st_mtime_ns}:{stat.st_size}:{stat.st_ino}"
 
 
+GRADED = ("mostly", "family")  # grades that the words of rfca-diagnosis/1 do not tell from "unexplained"
+
+
 def verdict_in(file: Path) -> dict[str, Any]:
     """What the file says, as plain data: its verdict, and the identities of its recordings; none where it is no diagnosis."""
     try:
@@ -43,7 +46,8 @@ def verdict_in(file: Path) -> dict[str, Any]:
         named = [one["identity"] for one in said.get("recordings", [])]
         effects = [str(effect["id"]) for effect in said["effects"]]
         sure = [effect["probability"] for effect in said["effects"] if effect["probability"] is not None]
-        return {"identities": named, "words": str(said["verdict"]), "effects": effects, "probability": max(sure, default=None)}
+        words = said["grade"] if said.get("grade") in GRADED else said["verdict"]
+        return {"identities": named, "words": str(words), "effects": effects, "probability": max(sure, default=None)}
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return {"identities": []}
 

@@ -11,7 +11,7 @@ from rfca_rig.logbook.entry import ENDINGS, KINDS, SOURCES, Condition, Entry
 from rfca_rig.nearest import suggestion
 from rfca_rig.trip_codes import Trip
 
-VERDICTS = ("named", "nothing missing", "unexplained", "not enough data", "none")
+VERDICTS = ("named", "mostly", "family", "nothing missing", "unexplained", "not enough data", "none")
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""diagnosis.json, the diagnosis for other programs: format rfca-diagnosis/1."""
+"""diagnosis.json, the diagnosis for other programs: format rfca-diagnosis/2, which keeps every key of /1."""
 
 import json
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ import numpy as np
 
 from rfca_rig.diagnosis.result import BeforeAfter, Cell, Diagnosis, Located, NamedEffect, Value
 
-FORMAT = "rfca-diagnosis/1"
+FORMAT = "rfca-diagnosis/2"
 DIGITS = 7
 
 
@@ -24,6 +24,10 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "verdict": diagnosis.verdict,
+        "grade": diagnosis.grade,
+        "statement": {"probability": diagnosis.probability, "explained_share": diagnosis.explained_share},
+        "family": None if diagnosis.family is None else asdict(diagnosis.family),
+        "place": None if diagnosis.place is None else asdict(diagnosis.place),
         "located": [_located(place) for place in diagnosis.located],
         "effects": [_effect(effect) for effect in diagnosis.effects],
         "not_seen": [
@@ -42,8 +46,11 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
             for r in diagnosis.rivals
         ],
         "believed_values": {name: _value(value) for name, value in diagnosis.believed_values.items()},
+        "remaining": [_located(place) for place in diagnosis.remaining],
+        "moved_priors": [asdict(one) for one in diagnosis.moved_priors],
         "remarks": diagnosis.remarks,
         "settings": diagnosis.settings,
+        "support": diagnosis.support,
         "cells": [_cell(cell) for cell in diagnosis.cells],
     }
 

@@ -12,10 +12,10 @@ from rfca_rig.report.diagnosis_wording import (
     entries,
     hypothesis,
     meaning,
+    moved_prior,
     percent,
     significant,
     sizes,
-    verdict_probability,
     within_90,
 )
 from rfca_rig.report.named_units import words_and_unit
@@ -23,17 +23,18 @@ from rfca_rig.report.origin import Origin
 from rfca_rig.report.templates import template
 from rfca_rig.report.wording import NOTHING, counted, unbroken
 
-VERDICT_WORDS = {
-    "named": ("What the model lacks has a name.", "probability that this is it"),
-    "nothing missing": ("The model lacks nothing that these data show.", "probability that nothing is missing"),
-    "unexplained": ("Model and recordings part, and no name for it stands every test.", "probability that something is missing"),
+GRADE_WORDS = {
+    "identified": ("One law holds to the usual model error in all conditions.", "probability that this is it"),
+    "mostly": ("These effects are the dominant omission. Their laws are only approximately right.", "probability that they are missing"),
+    "family": ("The data tell what kind of effect is missing, not which law it follows.", "probability of this family"),
+    "nothing missing": ("The model predicts held-out conditions to its usual error.", "probability that nothing is missing"),
+    "unexplained": ("Model and recordings differ, and no entry of the catalogue accounts for it.", "probability that something is missing"),
     "not enough data": ("These recordings do not allow an answer.", ""),
 }
 NOTHING_LEFT = {
-    "named": "Nothing beyond noise, scatter and the model\u2019s usual error.",
+    "identified": "Nothing beyond noise, scatter and the model\u2019s usual error.",
     "nothing missing": "Nothing beyond noise, scatter and the model\u2019s usual error.",
     "unexplained": "The whole difference shown above.",
-    "not enough data": "",
 }
 SHOWN_RIVALS = 7
 NEGLIGIBLE = 0.001
@@ -41,23 +42,29 @@ NEGLIGIBLE = 0.001
 
 def page(diagnosis: Diagnosis, origin: Origin, files: Sequence[str] = ()) -> str:
     """The page as HTML; `files` lie beside it."""
-    probability = verdict_probability(diagnosis)
+    probability = diagnosis.probability
     shown_rivals, other_rivals = _rivals(diagnosis.rivals)
     return template("diagnosis.html").render(
         sheets=("verdict.css", "diagnosis.css"),
         origin=origin,
         files=files,
         title=diagnosis.title,
-        verdict=diagnosis.verdict,
-        verdict_meaning=VERDICT_WORDS[diagnosis.verdict][0],
-        probability_of=VERDICT_WORDS[diagnosis.verdict][1],
+        grade=diagnosis.grade,
+        grade_meaning=GRADE_WORDS[diagnosis.grade][0],
+        probability_of=GRADE_WORDS[diagnosis.grade][1],
         sentence=_text(diagnosis.sentence),
         probability=None if probability is None else percent(probability),
         maps=maps_of(diagnosis),
         band_words=BAND_WORDS,
         located=[_place(place, diagnosis) for place in diagnosis.located],
         effects=[_effect(effect) for effect in diagnosis.effects],
-        named=diagnosis.verdict == "named",
+        identified=diagnosis.grade == "identified",
+        family=diagnosis.family,
+        place=diagnosis.place,
+        place_probability=percent(diagnosis.place.probability) if diagnosis.place else "",
+        explained_share=None if diagnosis.explained_share is None else f"{100.0 * diagnosis.explained_share:.0f}\u00a0%",
+        remaining=[_place(place, diagnosis) for place in diagnosis.remaining],
+        moved_priors=[moved_prior(one) for one in diagnosis.moved_priors],
         before_after=before_after_table(diagnosis),
         pictures=pictures_of(diagnosis.overlays),
         gates=[{"name": gate.name, "passed": gate.passed, "found": _text(gate.found)} for gate in diagnosis.gates],
@@ -65,7 +72,7 @@ def page(diagnosis: Diagnosis, origin: Origin, files: Sequence[str] = ()) -> str
         other_rivals=other_rivals,
         ruled_out=[_not_seen(one) for one in diagnosis.not_seen if one.would_have_seen is not None],
         not_tested=[_not_seen(one) for one in diagnosis.not_seen if one.would_have_seen is None],
-        nothing_unexplained=NOTHING_LEFT[diagnosis.verdict],
+        nothing_unexplained=NOTHING_LEFT.get(diagnosis.grade, ""),
         unexplained=[_text(text) for text in diagnosis.unexplained],
         next_experiment=entries(diagnosis.next_experiment or {}),
         remarks=[_text(text) for text in diagnosis.remarks],

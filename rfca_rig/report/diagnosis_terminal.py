@@ -4,7 +4,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, NamedEffect, Value
-from rfca_rig.report.diagnosis_wording import SIGMA, chance, entries, percent, significant, verdict_probability, within_90
+from rfca_rig.report.diagnosis_wording import SIGMA, chance, entries, moved_prior, percent, significant, within_90
 from rfca_rig.report.named_units import words_and_unit
 from rfca_rig.report.wording import counted
 
@@ -19,8 +19,8 @@ ASCII = str.maketrans(
 
 def terminal_lines(diagnosis: Diagnosis) -> list[str]:
     """The lines, each at most 80 characters; what comes last gives way where there is too much to say."""
-    probability = verdict_probability(diagnosis)
-    verdict = diagnosis.verdict.upper() + (f" ({percent(probability)})" if probability is not None else "")
+    probability = diagnosis.probability
+    verdict = diagnosis.grade.upper() + (f" ({percent(probability)})" if probability is not None else "")
     said = [(f"{verdict}: {diagnosis.sentence}", 3)]
     said += [(text, 2) for text in _body(diagnosis)]
     lines = [line for text, most in said for line in _wrapped(text, most)]
@@ -30,12 +30,16 @@ def terminal_lines(diagnosis: Diagnosis) -> list[str]:
 def _body(diagnosis: Diagnosis) -> Iterable[str]:
     if diagnosis.verdict == "not enough data":
         yield from diagnosis.remarks[:3]
-    yield from (_effect(effect) for effect in diagnosis.effects[:2])
-    yield from (_place(place) for place in sorted(diagnosis.located, key=lambda place: -place.sigmas)[:PLACES])
+    yield from (_effect(effect) for effect in diagnosis.effects[:3])
+    yield from (_place("located", place) for place in sorted(diagnosis.located, key=lambda place: -place.sigmas)[:PLACES])
+    yield from (_place("remains", place) for place in diagnosis.remaining[:1])
+    if diagnosis.place is not None:
+        yield f"acts on the {diagnosis.place.id} ({percent(diagnosis.place.probability)}): {diagnosis.place.words}"
+    yield from (moved_prior(one) for one in diagnosis.moved_priors[:2])
     yield from _figures(diagnosis)
     failed = [gate for gate in diagnosis.gates if not gate.passed]
-    if failed:
-        yield "gates failed: " + "; ".join(f"{gate.name} ({gate.found})" for gate in failed)
+    if failed and diagnosis.grade != "nothing missing":
+        yield "acceptance tests failed: " + "; ".join(f"{gate.name} ({gate.found})" for gate in failed)
     yield from (f"unexplained: {text}" for text in diagnosis.unexplained[:1])
     yield from _looked_for(diagnosis)
     if diagnosis.next_experiment:
@@ -53,10 +57,10 @@ def _measured(name: str, value: Value) -> str:
     return f"{words} {within_90(value)} {unit}".strip()
 
 
-def _place(place: Located) -> str:
+def _place(what: str, place: Located) -> str:
     size = f"{significant(place.size)} {place.unit}, {significant(place.sigmas, 2)} sigma"
     where = f"{words_and_unit(place.signal)[0]}, {place.experiment}, {place.phase}"
-    return f"located: {where}: {size}, {counted(len(place.conditions), 'condition')}, p {chance(place.p_value)}"
+    return f"{what}: {where}: {size}, {counted(len(place.conditions), 'condition')}, p {chance(place.p_value)}"
 
 
 def _figures(diagnosis: Diagnosis) -> Iterable[str]:

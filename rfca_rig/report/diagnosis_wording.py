@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from math import floor, isfinite, log10
 
-from rfca_rig.diagnosis.result import Diagnosis, Rival, Value
+from rfca_rig.diagnosis.result import MovedPrior, Value
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.report.named_units import shown, words_and_unit
 from rfca_rig.report.wording import NO_BREAK, NOTHING, number
@@ -72,25 +72,11 @@ def hypothesis(ids: Sequence[str]) -> str:
     return " and ".join(dict.fromkeys(UNLISTED if name == UNKNOWN else name for name in ids))
 
 
-def verdict_probability(diagnosis: Diagnosis) -> float | None:
-    """How probable it is that the verdict is right. None where nothing was weighed.
-
-    "Unexplained" says that something is missing, whatever it is: likeliest may well be an effect that failed a gate.
-    """
-    if diagnosis.verdict == "not enough data":
-        return None
-    if diagnosis.verdict == "named":
-        # of the names: a likelier set with one more in it, refused by a gate, agrees with them
-        return min((effect.probability for effect in diagnosis.effects), default=None)
-    nothing = _of(diagnosis.rivals, frozenset())
-    if diagnosis.verdict == "nothing missing" or not diagnosis.rivals:
-        return nothing
-    least = min(rival.probability for rival in diagnosis.rivals)  # only the likeliest are listed: what is not is no likelier
-    return 1.0 - (least if nothing is None else nothing)
-
-
-def _of(rivals: Sequence[Rival], ids: frozenset[str]) -> float | None:
-    return next((rival.probability for rival in rivals if frozenset(rival.ids) == ids), None)
+def moved_prior(one: MovedPrior) -> str:
+    """A nuisance parameter that had to leave its prior, in words."""
+    words, unit = one.name.replace("_", " "), f"{NO_BREAK}{one.unit}" if one.unit else ""
+    now, prior = f"{significant(one.now.value)}{unit}", f"{significant(one.prior.value)} ± {significant(one.prior.std, 2)}{unit}"
+    return f"{words} moved to {now}, {abs(one.deviations):.1f} prior deviations from {prior}: it is wrong, or something acts like it"
 
 
 def sizes(values: Mapping[str, float]) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.residual_force.closed_loop_refit import ClosedLoopRefit, put_back
@@ -14,6 +15,7 @@ from rfca_rig.diagnosis.residual_force.force_inputs import ForceInput, NominalCo
 from rfca_rig.diagnosis.residual_force.force_localization import LocalizedForce, Scene, localize_force, scene_of
 from rfca_rig.diagnosis.residual_force.sparse_law import FoundTerm, SparseLaw, sparse_laws
 from rfca_rig.diagnosis.residual_force.terms import signals_of
+from rfca_rig.diagnosis.result import StatedPlace
 
 Floats = NDArray[np.float64]
 
@@ -155,6 +157,23 @@ def _text(ranked: Sequence[Candidate], also: Sequence[str]) -> str:
     fully = best.law.log_evidence > best.placed.log_evidence or best.law.explained > MOSTLY * best.placed.explained["all"]
     how = "follows" if fully else "in part follows"
     return f"{where}, and {how} {formula(best.law.terms)} there: an empirical law, its cause is not known."
+
+
+def place_of(free: FreeForm) -> StatedPlace | None:
+    """The part of the rig where something acts, from the log evidence of all force inputs; None where it is too small to say."""
+    if dict(free.ranking)[free.place] < AS_GOOD:
+        return None
+    groups = np.array([_group(name) for name, _ in free.ranking])
+    weights = np.asarray(softmax([log_evidence for _, log_evidence in free.ranking]))
+    best = _group(free.place)
+    return StatedPlace(best, free.words, float(min(weights[groups == best].sum(), 0.99)))
+
+
+def _group(force_input: str) -> str:
+    """The part of the rig that a force input belongs to."""
+    if force_input.startswith("hinge"):
+        return "hinges"
+    return {"shaft_angle": "drive", "fy_N": "sensor", "fz_N": "sensor", "shaft": "sensor"}.get(force_input, "ground")
 
 
 def formula(terms: Sequence[FoundTerm]) -> str:
