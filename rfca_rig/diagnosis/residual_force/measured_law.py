@@ -1,0 +1,288 @@
+"""The residual force at a place as a function of one argument, with a band: what no formula of the catalogue need contain.
+
+The law is straight between values at knots. It acts in the simulator itself, beside the base hypothesis, so that the motion answers to it;
+the response of the observations to each value is found by differences there, and renewed where the fit moves to. Before the data the
+values are Gaussian and smooth: with steps Q = D^T D / rho^2 + 1 / k of their second differences D over k knots, their covariance is
+size^2 Q^-1. Size and rho are those of the greatest evidence over a grid. All nuisance parameters stay free, and the covariance of the
+data has the discrepancy in it.
+
+References: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), chapter 5; Lang and Brezger, J. Comput. Graph. Statist.
+13 (2004) 183 (random-walk priors for B-spline coefficients).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.inference.forward_selection import ids_of, without
+from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
+from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm
+from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities, loo_residuals
+from rfca_rig.diagnosis.likelihood.laplace import Linear
+from rfca_rig.diagnosis.residual_force.law_arguments import (
+    PLAUSIBLE,
+    ZERO_AT_ZERO,
+    arguments_at,
+    courses,
+    knots_over,
+    own_law,
+    visited_range,
+    with_own,
+)
+from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.effect import Parameter
+from rfca_rig.model.parameters import LawTable, PresentEffect
+from rfca_rig.model.tabulated_law import TABULATED_LAW, effect_of_table, kind_of
+
+Floats = NDArray[np.float64]
+
+SIZES = (0.1, 0.3, 1.0, 3.0, 10.0)  # of a plausible value; two decades either way of what a rig may have
+ROUGHNESS = (0.03, 0.1, 0.3, 1.0)  # standard deviation of a second difference over the size: from a straight line to any course
+FIRST_SIZE, FIRST_ROUGHNESS = 1.0, 0.3  # of the first linearisation; the grid is gone through with its slopes
+LEVELS, ROUNDS = 2, 4  # steps of each of the two fits; a friction law changes the motion that it depends on
+NONE = 1e-3  # of a law's size: nothing, where it is known to be none
+STEP = 1e-4  # of a prior deviation: for what the base law of the model does with its nuisances, which is smooth
+
+
+@dataclass(frozen=True)
+class MeasuredLaw:
+    """A law as the recordings have it, beside the hypothesis `base`.
+
+    Parameters
+    ----------
+    place, argument
+        Where it acts and on what it depends, as in `rfca_rig.model.tabulated_law`.
+    argument_unit, unit
+        Of `knots` and of `values`; "" for a share of the friction coefficient.
+    knots, values, std : (k,)
+        The residual law with one standard deviation at each knot.
+    whole, whole_std : (k,) or None
+        The same with what the model has there already, as the damping of a hinge; None where it has nothing. The data tell this better
+        than how it is divided between both.
+    visited
+        Least and greatest value of the argument in the recordings, but for a thousandth of the time at either end.
+    explained
+        Share of the misfit on held-out conditions that the law takes away from what `base` leaves there.
+    log_density_gain
+        Log predictive density of all conditions, each held out in turn, above that of `base`.
+    log_evidence_gain
+        Log evidence above that of `base`.
+    hypothesis
+        The base with the law in it, fitted.
+    """
+
+    place: str
+    argument: str
+    argument_unit: str
+    unit: str
+    knots: Floats
+    values: Floats
+    std: Floats
+    whole: Floats | None
+    whole_std: Floats | None
+    visited: tuple[float, float]
+    explained: float
+    log_density_gain: float
+    log_evidence_gain: float
+    base: tuple[str, ...]
+    hypothesis: Hypothesis = field(repr=False, compare=False)
+
+    @property
+    def present(self) -> PresentEffect:
+        """The law as an effect of the model."""
+        return PresentEffect(TABULATED_LAW, table=LawTable(self.place, self.argument, tuple(map(float, self.knots)), self._possible))
+
+    @property
+    def _possible(self) -> tuple[float, ...]:
+        """Friction cannot be less than none."""
+        least = -1.0 if self.place == "floor_friction" else -np.inf
+        return tuple(max(float(value), least) for value in self.values)
+
+
+@dataclass(frozen=True)
+class TableTerm(EffectTerm):
+    """A tabulated law as a hypothesis has it: `root` (k rows of k) times its standard normal coordinates are the values."""
+
+    place: str = ""
+    argument: str = ""
+    knots: tuple[float, ...] = ()
+    root: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def free(self) -> tuple[Parameter, ...]:
+        """One coordinate per knot; a normal parameter from -2 to 2 has itself as coordinate."""
+        return tuple(Parameter(f"coordinate{number}", -2.0, 2.0) for number in range(1, len(self.knots) + 1))
+
+    def values(self, z: Floats) -> Floats:
+        """The values at the knots, (k,)."""
+        return np.asarray(np.array(self.root) @ z)
+
+    def present(self, z: Floats) -> PresentEffect:
+        """The law at these coordinates."""
+        table = LawTable(self.place, self.argument, self.knots, tuple(float(value) for value in self.values(z)))
+        return PresentEffect(TABULATED_LAW, table=table)
+
+
+def measure_law(found: ModelSelectionResult, place: str, base: Hypothesis, arguments: Sequence[str] = ()) -> MeasuredLaw:
+    """The law at a place for the argument that predicts held-out conditions best.
+
+    Parameters
+    ----------
+    found
+        What a search left: its data, covariance and hypotheses.
+    place
+        As in `rfca_rig.model.tabulated_law`.
+    base
+        The hypothesis that the law is put beside, usually `found.nothing`.
+    arguments
+        Those to choose from; without any, all that make sense at the place.
+
+    Raises
+    ------
+    BadInput
+        For a place or an argument that is not known, and where no recording moves.
+    SimulationFailed
+        Where the model has no answer with any law there.
+    """
+    laws = [law for argument in arguments or arguments_at(place) if (law := fit_law(found, place, argument, base)) is not None]
+    if not laws:
+        raise SimulationFailed(f"the model cannot be computed with a tabulated law at {place}; look at the base hypothesis first")
+    return max(laws, key=lambda law: law.log_density_gain)
+
+
+def base_without(found: ModelSelectionResult, hypothesis: Hypothesis, effect: str) -> Hypothesis:
+    """The hypothesis less one of its effects, fitted again: the base of a law that takes the effect's place.
+
+    Raises BadInput where it has no such effect, SimulationFailed where the model has no answer.
+    """
+    if effect not in hypothesis.ids:
+        raise BadInput(f"effect {effect}: is not in the hypothesis, which has {', '.join(hypothesis.ids) or 'none'}")
+    descent = GaussNewton(found.evidence, found.judge)
+    rest = without(descent, hypothesis.fitted, hypothesis.ids.index(effect))
+    if rest is None:
+        raise SimulationFailed(f"the model has no answer without {effect}")
+    return _hypothesis(descent, descent.converge(descent.refine(rest)))
+
+
+def fit_law(found: ModelSelectionResult, place: str, argument: str, base: Hypothesis) -> MeasuredLaw | None:
+    """The law of one argument; None where the argument hardly changes, or where the model has no answer."""
+    kind, descent = kind_of(place, argument), GaussNewton(found.evidence, found.judge)
+    supposed = base.fitted.coordinates.supposed(base.fitted.x)
+    visited = visited_range(courses(found.evidence, supposed, place, argument))
+    if visited[1] - visited[0] < 1e-9:
+        return None
+    knots = knots_over(visited, argument)
+    first = _term(place, argument, knots, PLAUSIBLE[kind.unit] * FIRST_SIZE, FIRST_ROUGHNESS)
+    coordinates = base.fitted.coordinates.with_terms((*base.fitted.coordinates.choices, first))
+    start = descent.at(coordinates, np.append(base.fitted.x, np.zeros(len(knots))), base.fitted.jacobian)
+    if start is None:
+        return None
+    here = descent.refine(start, LEVELS, ROUNDS)
+    fitted = descent.refine(_with_likeliest_prior(descent, here, PLAUSIBLE[kind.unit]), LEVELS, ROUNDS)
+    return _measured(found, base, _hypothesis(descent, fitted), visited)
+
+
+def _term(place: str, argument: str, knots: Floats, size: float, roughness: float) -> TableTerm:
+    """The term with the prior of this size and roughness; columns of its root from the smoothest on."""
+    count = len(knots)
+    bend = np.diff(np.eye(count), 2, axis=0) / roughness
+    known_zero = (np.abs(knots) < NONE) & (argument in ZERO_AT_ZERO)
+    values, vectors = np.linalg.eigh(bend.T @ bend + np.eye(count) / count + np.diag(known_zero / NONE**2))
+    root = size * vectors / np.sqrt(values)
+    table = LawTable(place, argument, tuple(map(float, knots)), (0.0,) * count)
+    rows = tuple(tuple(map(float, row)) for row in root)
+    return TableTerm(effect_of_table(table), (), place, argument, table.knots, rows)
+
+
+def _with_likeliest_prior(descent: GaussNewton, here: MapFit, plausible: float) -> MapFit:
+    """The fit at the same place with the size and roughness of the greatest evidence, by the slopes that it has."""
+    term = here.coordinates.choices[-1]
+    assert isinstance(term, TableTerm)
+    part, root = here.coordinates.part(len(here.coordinates.choices) - 1), np.array(term.root)
+    knots, law, slopes = np.array(term.knots), root @ here.x[part], here.jacobian[:, part] @ np.linalg.inv(root)
+    target = here.linear(descent.evidence.rows.measured).target
+    best, most = here, -np.inf
+    for size, roughness in product(SIZES, ROUGHNESS):
+        other = _term(term.place, term.argument, knots, size * plausible, roughness)
+        jacobian = np.column_stack([here.jacobian[:, : part.start], slopes @ np.array(other.root)])
+        log_evidence = descent.judge.evaluate(Linear(target, jacobian)).log_evidence
+        if log_evidence > most:
+            coordinates = here.coordinates.with_terms((*here.coordinates.choices[:-1], other))
+            x = np.append(here.x[: part.start], np.linalg.solve(np.array(other.root), law))
+            size_of = np.linalg.norm(descent.judge.usual(jacobian), axis=0)
+            best, most = replace(here, coordinates=coordinates, x=x, jacobian=jacobian, size=size_of), log_evidence
+    return best
+
+
+def _hypothesis(descent: GaussNewton, fitted: MapFit) -> Hypothesis:
+    return Hypothesis(ids_of(fitted), fitted, descent.evaluate(fitted), 0.0)
+
+
+def _measured(found: ModelSelectionResult, base: Hypothesis, law: Hypothesis, visited: tuple[float, float]) -> MeasuredLaw:
+    coordinates, posterior = law.fitted.coordinates, law.judgement.posterior
+    term, part = coordinates.choices[-1], coordinates.part(len(coordinates.choices) - 1)
+    assert isinstance(term, TableTerm)
+    root, kind = np.array(term.root), kind_of(term.place, term.argument)
+    values, knots = term.values(posterior.mean[part]), np.array(term.knots)
+    covariance = root @ posterior.covariance[part, part] @ root.T
+    whole = _whole(found, law)
+    before, after = (_held_out_misfit(found, each) for each in (base, law))
+    densities = [_held_out_log_density(found, each) for each in (base, law)]
+    return MeasuredLaw(
+        place=term.place,
+        argument=term.argument,
+        argument_unit=kind.argument_unit,
+        unit=kind.unit,
+        knots=knots,
+        values=values,
+        std=np.sqrt(np.diag(covariance)),
+        whole=None if whole is None else whole[0],
+        whole_std=None if whole is None else whole[1],
+        visited=visited,
+        explained=1.0 - after / before,
+        log_density_gain=densities[1] - densities[0],
+        log_evidence_gain=law.judgement.log_evidence - base.judgement.log_evidence,
+        base=base.ids,
+        hypothesis=law,
+    )
+
+
+def _whole(found: ModelSelectionResult, law: Hypothesis) -> tuple[Floats, Floats] | None:
+    """The law with what the model has there already, and its standard deviations: both move with the nuisances."""
+    coordinates, posterior = law.fitted.coordinates, law.judgement.posterior
+    term, part = coordinates.choices[-1], coordinates.part(len(coordinates.choices) - 1)
+    assert isinstance(term, TableTerm)
+
+    def at(x: Floats) -> Floats | None:
+        own = own_law(found.evidence, coordinates.supposed(x), term.place, term.argument, np.array(term.knots))
+        return None if own is None else with_own(term.place, own, term.values(x[part]))
+
+    here = at(posterior.mean)
+    if here is None:
+        return None
+    moved = [at(posterior.mean + STEP * unit) for unit in np.eye(coordinates.size)]
+    jacobian = np.column_stack([(there - here) / STEP for there in moved if there is not None])
+    return here, np.sqrt(np.einsum("ki,ij,kj->k", jacobian, posterior.covariance, jacobian))
+
+
+def _held_out_conditions(found: ModelSelectionResult) -> list[int]:
+    """Those that move; a static table is always among the others."""
+    rows = found.evidence.rows
+    return sorted({int(number) for number in rows.condition[rows.experiment != "static"]})
+
+
+def _held_out_misfit(found: ModelSelectionResult, hypothesis: Hypothesis) -> float:
+    """Sum of squares over what noise and the usual model error leave to be expected, each condition predicted from the others."""
+    rows, out = found.evidence.rows, _held_out_conditions(found)
+    residual = loo_residuals(hypothesis.fitted.linear(rows.measured), found.judge.usual, rows.condition, out)
+    return float((residual**2 / found.judge.usual.variance()).sum())
+
+
+def _held_out_log_density(found: ModelSelectionResult, hypothesis: Hypothesis) -> float:
+    """Of all conditions, each predicted from the others, at the discrepancy that this hypothesis has."""
+    rows, linear = found.evidence.rows, hypothesis.fitted.linear(found.evidence.rows.measured)
+    return float(loo_log_densities(linear, found.judge.level(linear), rows.condition, _held_out_conditions(found)).sum())
