@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 
 # Knots of a law that may change sign with its argument stand denser around zero, where friction changes: even in asinh(u / (0.05 of the
 # largest)). 15 knots are 10 to 40 % of the argument apart.
+# With 11, 15 or 21 of them the law takes away 74.5, 75.3 and 75.3 % of the held-out misfit of a quadratic hinge damping, and 81.6, 82.2
+# and 82.0 % of that of a friction that differs by direction.
 SIGNED_KNOTS, PLAIN_KNOTS = 15, 9
 NEAR_ZERO = 0.05
 SELDOM = 1e-3  # share of the time at either end of the range that is left to a constant: bounces of a single millisecond

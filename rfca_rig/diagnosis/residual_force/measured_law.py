@@ -21,8 +21,9 @@ from rfca_rig.diagnosis.inference.forward_selection import ids_of, without
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm
-from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities, loo_residuals
+from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities, loo_residuals, products_without
 from rfca_rig.diagnosis.likelihood.laplace import Linear
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import STRAINED
 from rfca_rig.diagnosis.residual_force.law_arguments import (
     PLAUSIBLE,
     ZERO_AT_ZERO,
@@ -43,6 +44,7 @@ Floats = NDArray[np.float64]
 SIZES = (0.1, 0.3, 1.0, 3.0, 10.0)  # of a plausible value; two decades either way of what a rig may have
 ROUGHNESS = (0.03, 0.1, 0.3, 1.0)  # standard deviation of a second difference over the size: from a straight line to any course
 FIRST_SIZE, FIRST_ROUGHNESS = 1.0, 0.3  # of the first linearisation; the grid is gone through with its slopes
+CONVERGE = 2  # times that all slopes are found anew at the end
 LEVELS, ROUNDS = 2, 4  # steps of each of the two fits; a friction law changes the motion that it depends on
 NONE = 1e-3  # of a law's size: nothing, where it is known to be none
 STEP = 1e-4  # of a prior deviation: for what the base law of the model does with its nuisances, which is smooth
@@ -178,12 +180,19 @@ def fit_law(found: ModelSelectionResult, place: str, argument: str, base: Hypoth
     knots = knots_over(visited, argument)
     first = _term(place, argument, knots, PLAUSIBLE[kind.unit] * FIRST_SIZE, FIRST_ROUGHNESS)
     coordinates = base.fitted.coordinates.with_terms((*base.fitted.coordinates.choices, first))
-    start = descent.at(coordinates, np.append(base.fitted.x, np.zeros(len(knots))), base.fitted.jacobian)
-    if start is None:
-        return None
-    here = descent.refine(start, LEVELS, ROUNDS)
-    fitted = descent.refine(_with_likeliest_prior(descent, here, PLAUSIBLE[kind.unit]), LEVELS, ROUNDS)
-    return _measured(found, base, _hypothesis(descent, fitted), visited)
+    fits = []
+    for x in _starts(base.fitted):
+        start = descent.at(coordinates, np.append(x, np.zeros(len(knots))))
+        if start is not None:
+            here = _with_likeliest_prior(descent, descent.refine(start, LEVELS, ROUNDS), PLAUSIBLE[kind.unit])
+            fits.append(descent.converge(descent.refine(here, LEVELS, ROUNDS), CONVERGE))
+    best = max(fits, key=descent.log_evidence, default=None)
+    return None if best is None else _measured(found, base, _hypothesis(descent, best), visited)
+
+
+def _starts(base: MapFit) -> list[Floats]:
+    """The base as it fits best, and where its nuisances had to go far, as they were before: what is missing may have drawn them there."""
+    return [base.x] if base.farthest < STRAINED else [base.x, base.as_believed]
 
 
 def _term(place: str, argument: str, knots: Floats, size: float, roughness: float) -> TableTerm:
@@ -228,8 +237,9 @@ def _measured(found: ModelSelectionResult, base: Hypothesis, law: Hypothesis, vi
     assert isinstance(term, TableTerm)
     root, kind = np.array(term.root), kind_of(term.place, term.argument)
     values, knots = term.values(posterior.mean[part]), np.array(term.knots)
-    covariance = root @ posterior.covariance[part, part] @ root.T
-    whole = _whole(found, law)
+    jackknife = _jackknife_covariance(found, law)
+    covariances = [root @ each[part, part] @ root.T for each in (posterior.covariance, jackknife)]
+    whole = _whole(found, law, (posterior.covariance, jackknife))
     before, after = (_held_out_misfit(found, each) for each in (base, law))
     densities = [_held_out_log_density(found, each) for each in (base, law)]
     return MeasuredLaw(
@@ -239,7 +249,7 @@ def _measured(found: ModelSelectionResult, base: Hypothesis, law: Hypothesis, vi
         unit=kind.unit,
         knots=knots,
         values=values,
-        std=np.sqrt(np.diag(covariance)),
+        std=_widest(covariances),
         whole=None if whole is None else whole[0],
         whole_std=None if whole is None else whole[1],
         visited=visited,
@@ -251,7 +261,26 @@ def _measured(found: ModelSelectionResult, base: Hypothesis, law: Hypothesis, vi
     )
 
 
-def _whole(found: ModelSelectionResult, law: Hypothesis) -> tuple[Floats, Floats] | None:
+def _widest(covariances: Sequence[Floats]) -> Floats:
+    """The larger standard deviation at each knot: a posterior trusts its covariance, and where conditions disagree it is too sure."""
+    return np.asarray(np.sqrt(np.max([np.diag(each) for each in covariances], axis=0)))
+
+
+def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
+    """Covariance of the unknowns from how their estimate moves when each condition in turn is taken out (Efron, SIAM 1982)."""
+    rows, whitening = found.evidence.rows, law.judgement.whitening
+    linear, out = law.fitted.linear(rows.measured), _held_out_conditions(found)
+    both = np.column_stack([linear.jacobian, linear.target])
+    weighed, unit = whitening.weigh_models(both), np.eye(linear.jacobian.shape[1])
+    estimates = []
+    for number in out:
+        products, _ = products_without(both, weighed, whitening, rows.condition == number)
+        estimates.append(np.linalg.solve(products[:-1, :-1] + unit, products[:-1, -1]))
+    apart = np.array(estimates) - np.mean(estimates, axis=0)
+    return np.asarray((len(out) - 1.0) / len(out) * apart.T @ apart)
+
+
+def _whole(found: ModelSelectionResult, law: Hypothesis, covariances: Sequence[Floats]) -> tuple[Floats, Floats] | None:
     """The law with what the model has there already, and its standard deviations: both move with the nuisances."""
     coordinates, posterior = law.fitted.coordinates, law.judgement.posterior
     term, part = coordinates.choices[-1], coordinates.part(len(coordinates.choices) - 1)
@@ -266,7 +295,7 @@ def _whole(found: ModelSelectionResult, law: Hypothesis) -> tuple[Floats, Floats
         return None
     moved = [at(posterior.mean + STEP * unit) for unit in np.eye(coordinates.size)]
     jacobian = np.column_stack([(there - here) / STEP for there in moved if there is not None])
-    return here, np.sqrt(np.einsum("ki,ij,kj->k", jacobian, posterior.covariance, jacobian))
+    return here, _widest([jacobian @ each @ jacobian.T for each in covariances])
 
 
 def _held_out_conditions(found: ModelSelectionResult) -> list[int]:
