@@ -59,8 +59,8 @@ def arguments_at(place: str) -> tuple[str, ...]:
 
 def courses(evidence: Dataset, supposed: Supposed, place: str, argument: str) -> list[Course]:
     """The argument over every condition that moves, as the model has it. Raises SimulationFailed, and BadInput where none moves."""
-    found = [_of_stroke(flap, supposed, place, argument) for flap in evidence.flaps]
-    found += [each for part in evidence.parts if isinstance(part, Stretch) for each in _of_stretch(part, supposed, place, argument)]
+    found = [course_of_stroke(flap, supposed, place, argument) for flap in evidence.flaps]
+    found += [each for part in evidence.parts if isinstance(part, Stretch) for each in course_of_stretch(part, supposed, place, argument)]
     if not found:
         raise BadInput(f"no recording moves, so that a law of {argument} at {place} cannot be measured; record strokes")
     return found
@@ -118,7 +118,7 @@ def _own_of_joint(evidence: Dataset, supposed: Supposed, place: str, argument: s
     return np.asarray(link.joint_damping_Nm_s_per_rad * u + link.joint_friction_Nm * np.tanh(u / SURE_OF_SIGN_RAD_S))
 
 
-def _of_stroke(flap: FlapCondition, supposed: Supposed, place: str, argument: str) -> Course:
+def course_of_stroke(flap: FlapCondition, supposed: Supposed, place: str, argument: str) -> Course:
     stroke, rig = flap.stroke(supposed), supposed.rig
     if place.startswith("hinge"):
         angle, rate = np.diff(stroke.q_rad, axis=1), np.diff(stroke.w_rad_s, axis=1)
@@ -146,7 +146,7 @@ def _of_channel(stroke: SimulatedStroke, place: str, argument: str) -> tuple[Flo
     return values, np.ones(len(stroke.t_s), dtype=bool)
 
 
-def _of_stretch(stretch: Stretch, supposed: Supposed, place: str, argument: str) -> list[Course]:
+def course_of_stretch(stretch: Stretch, supposed: Supposed, place: str, argument: str) -> list[Course]:
     ready = driven(shifted(stretch.pendulum, dict(of_pendulum(supposed).off)), supposed.rig.effects)
     found = []
     for each in stretch.windows:

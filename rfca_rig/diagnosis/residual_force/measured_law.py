@@ -1,13 +1,9 @@
 """The residual force at a place as a function of one argument, with a band: what no formula of the catalogue need contain.
 
 The law is straight between values at knots. It acts in the simulator itself, beside the base hypothesis, so that the motion answers to it;
-the response of the observations to each value is found by differences there, and renewed where the fit moves to. Before the data the
-values are Gaussian and smooth: with steps Q = D^T D / rho^2 + 1 / k of their second differences D over k knots, their covariance is
-size^2 Q^-1. Size and rho are those of the greatest evidence over a grid. All nuisance parameters stay free, and the covariance of the
-data has the discrepancy in it.
-
-References: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), chapter 5; Lang and Brezger, J. Comput. Graph. Statist.
-13 (2004) 183 (random-walk priors for B-spline coefficients).
+the response of the observations to each value is found by differences there, and renewed where the fit moves to. The values have the smooth
+Gaussian prior of `law_prior`, its size and roughness those of the greatest evidence over a grid. All nuisance parameters stay free, and
+the covariance of the data has the discrepancy in it.
 """
 
 from collections.abc import Sequence
@@ -34,6 +30,8 @@ from rfca_rig.diagnosis.residual_force.law_arguments import (
     visited_range,
     with_own,
 )
+from rfca_rig.diagnosis.residual_force.law_memory import MemoryTest, detect_memory
+from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, root_of
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.effect import Parameter
 from rfca_rig.model.parameters import LawTable, PresentEffect
@@ -41,12 +39,9 @@ from rfca_rig.model.tabulated_law import TABULATED_LAW, effect_of_table, kind_of
 
 Floats = NDArray[np.float64]
 
-SIZES = (0.1, 0.3, 1.0, 3.0, 10.0)  # of a plausible value; two decades either way of what a rig may have
-ROUGHNESS = (0.03, 0.1, 0.3, 1.0)  # standard deviation of a second difference over the size: from a straight line to any course
 FIRST_SIZE, FIRST_ROUGHNESS = 1.0, 0.3  # of the first linearisation; the grid is gone through with its slopes
-CONVERGE = 2  # times that all slopes are found anew at the end
+CONVERGE = 1  # times that all slopes are found anew at the end
 LEVELS, ROUNDS = 2, 4  # steps of each of the two fits; a friction law changes the motion that it depends on
-NONE = 1e-3  # of a law's size: nothing, where it is known to be none
 STEP = 1e-4  # of a prior deviation: for what the base law of the model does with its nuisances, which is smooth
 
 
@@ -75,6 +70,8 @@ class MeasuredLaw:
         Log evidence above that of `base`.
     hypothesis
         The base with the law in it, fitted.
+    memory
+        Whether the force differs between a rising and a falling argument; None where that was not tested.
     """
 
     place: str
@@ -92,6 +89,7 @@ class MeasuredLaw:
     log_evidence_gain: float
     base: tuple[str, ...]
     hypothesis: Hypothesis = field(repr=False, compare=False)
+    memory: MemoryTest | None = None
 
     @property
     def present(self) -> PresentEffect:
@@ -153,7 +151,18 @@ def measure_law(found: ModelSelectionResult, place: str, base: Hypothesis, argum
     laws = [law for argument in arguments or arguments_at(place) if (law := fit_law(found, place, argument, base)) is not None]
     if not laws:
         raise SimulationFailed(f"the model cannot be computed with a tabulated law at {place}; look at the base hypothesis first")
-    return max(laws, key=lambda law: law.log_density_gain)
+    best = max(laws, key=lambda law: law.log_density_gain)
+    return with_memory_test(found, best)
+
+
+def with_memory_test(found: ModelSelectionResult, law: MeasuredLaw) -> MeasuredLaw:
+    """The law with the answer whether it has memory. Raises SimulationFailed where the model has no answer."""
+    fitted, table = law.hypothesis.fitted, law.present.table
+    assert table is not None
+    linear, supposed = fitted.linear(found.evidence.rows.measured), fitted.coordinates.supposed(fitted.x)
+    term, part = _term_of(fitted)
+    slopes = fitted.jacobian[:, part] @ np.linalg.inv(np.array(term.root))
+    return replace(law, memory=detect_memory(found, linear, supposed, table, slopes))
 
 
 def base_without(found: ModelSelectionResult, hypothesis: Hypothesis, effect: str) -> Hypothesis:
@@ -185,9 +194,11 @@ def fit_law(found: ModelSelectionResult, place: str, argument: str, base: Hypoth
         start = descent.at(coordinates, np.append(x, np.zeros(len(knots))))
         if start is not None:
             here = _with_likeliest_prior(descent, descent.refine(start, LEVELS, ROUNDS), PLAUSIBLE[kind.unit])
-            fits.append(descent.converge(descent.refine(here, LEVELS, ROUNDS), CONVERGE))
-    best = max(fits, key=descent.log_evidence, default=None)
-    return None if best is None else _measured(found, base, _hypothesis(descent, best), visited)
+            fits.append(descent.refine(here, LEVELS, ROUNDS))
+    if not fits:
+        return None
+    best = descent.converge(max(fits, key=descent.log_evidence), CONVERGE)
+    return _measured(found, base, _hypothesis(descent, best), visited)
 
 
 def _starts(base: MapFit) -> list[Floats]:
@@ -196,22 +207,16 @@ def _starts(base: MapFit) -> list[Floats]:
 
 
 def _term(place: str, argument: str, knots: Floats, size: float, roughness: float) -> TableTerm:
-    """The term with the prior of this size and roughness; columns of its root from the smoothest on."""
-    count = len(knots)
-    bend = np.diff(np.eye(count), 2, axis=0) / roughness
-    known_zero = (np.abs(knots) < NONE) & (argument in ZERO_AT_ZERO)
-    values, vectors = np.linalg.eigh(bend.T @ bend + np.eye(count) / count + np.diag(known_zero / NONE**2))
-    root = size * vectors / np.sqrt(values)
-    table = LawTable(place, argument, tuple(map(float, knots)), (0.0,) * count)
-    rows = tuple(tuple(map(float, row)) for row in root)
+    """The term with the prior of this size and roughness."""
+    table = LawTable(place, argument, tuple(map(float, knots)), (0.0,) * len(knots))
+    rows = tuple(tuple(map(float, row)) for row in root_of(knots, size, roughness, argument in ZERO_AT_ZERO))
     return TableTerm(effect_of_table(table), (), place, argument, table.knots, rows)
 
 
 def _with_likeliest_prior(descent: GaussNewton, here: MapFit, plausible: float) -> MapFit:
     """The fit at the same place with the size and roughness of the greatest evidence, by the slopes that it has."""
-    term = here.coordinates.choices[-1]
-    assert isinstance(term, TableTerm)
-    part, root = here.coordinates.part(len(here.coordinates.choices) - 1), np.array(term.root)
+    term, part = _term_of(here)
+    root = np.array(term.root)
     knots, law, slopes = np.array(term.knots), root @ here.x[part], here.jacobian[:, part] @ np.linalg.inv(root)
     target = here.linear(descent.evidence.rows.measured).target
     best, most = here, -np.inf
@@ -227,14 +232,19 @@ def _with_likeliest_prior(descent: GaussNewton, here: MapFit, plausible: float) 
     return best
 
 
+def _term_of(fitted: MapFit) -> tuple[TableTerm, slice]:
+    """The tabulated law of a fit, its last term, and where its coordinates stand."""
+    term = fitted.coordinates.choices[-1]
+    assert isinstance(term, TableTerm)
+    return term, fitted.coordinates.part(len(fitted.coordinates.choices) - 1)
+
+
 def _hypothesis(descent: GaussNewton, fitted: MapFit) -> Hypothesis:
     return Hypothesis(ids_of(fitted), fitted, descent.evaluate(fitted), 0.0)
 
 
 def _measured(found: ModelSelectionResult, base: Hypothesis, law: Hypothesis, visited: tuple[float, float]) -> MeasuredLaw:
-    coordinates, posterior = law.fitted.coordinates, law.judgement.posterior
-    term, part = coordinates.choices[-1], coordinates.part(len(coordinates.choices) - 1)
-    assert isinstance(term, TableTerm)
+    (term, part), posterior = _term_of(law.fitted), law.judgement.posterior
     root, kind = np.array(term.root), kind_of(term.place, term.argument)
     values, knots = term.values(posterior.mean[part]), np.array(term.knots)
     jackknife = _jackknife_covariance(found, law)
@@ -283,8 +293,7 @@ def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Float
 def _whole(found: ModelSelectionResult, law: Hypothesis, covariances: Sequence[Floats]) -> tuple[Floats, Floats] | None:
     """The law with what the model has there already, and its standard deviations: both move with the nuisances."""
     coordinates, posterior = law.fitted.coordinates, law.judgement.posterior
-    term, part = coordinates.choices[-1], coordinates.part(len(coordinates.choices) - 1)
-    assert isinstance(term, TableTerm)
+    term, part = _term_of(law.fitted)
 
     def at(x: Floats) -> Floats | None:
         own = own_law(found.evidence, coordinates.supposed(x), term.place, term.argument, np.array(term.knots))
