@@ -245,11 +245,10 @@ def _hypothesis(descent: GaussNewton, fitted: MapFit) -> Hypothesis:
 
 def _measured(found: ModelSelectionResult, base: Hypothesis, law: Hypothesis, visited: tuple[float, float]) -> MeasuredLaw:
     (term, part), posterior = _term_of(law.fitted), law.judgement.posterior
-    root, kind = np.array(term.root), kind_of(term.place, term.argument)
+    kind = kind_of(term.place, term.argument)
     values, knots = term.values(posterior.mean[part]), np.array(term.knots)
-    jackknife = _jackknife_covariance(found, law)
-    covariances = [root @ each[part, part] @ root.T for each in (posterior.covariance, jackknife)]
-    whole = _whole(found, law, (posterior.covariance, jackknife))
+    covariances = (_covariance(found, law), _jackknife_covariance(found, law))
+    whole = _whole(found, law, covariances)
     before, after = (_held_out_misfit(found, each) for each in (base, law))
     densities = [_held_out_log_density(found, each) for each in (base, law)]
     return MeasuredLaw(
@@ -259,7 +258,7 @@ def _measured(found: ModelSelectionResult, base: Hypothesis, law: Hypothesis, vi
         unit=kind.unit,
         knots=knots,
         values=values,
-        std=_widest(covariances),
+        std=_widest([each[part, part] for each in covariances]),
         whole=None if whole is None else whole[0],
         whole_std=None if whole is None else whole[1],
         visited=visited,
@@ -276,8 +275,34 @@ def _widest(covariances: Sequence[Floats]) -> Floats:
     return np.asarray(np.sqrt(np.max([np.diag(each) for each in covariances], axis=0)))
 
 
+def _to_values(size: int, part: slice, root: Floats) -> Floats:
+    """The matrix that turns the coordinates of a law into its values, and leaves the other unknowns alone."""
+    turn = np.eye(size)
+    turn[part, part] = root
+    return turn
+
+
+def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
+    """Of nuisances and values about the estimate, over all sizes and degrees of roughness of the prior as far as the evidence has them."""
+    term, part = _term_of(law.fitted)
+    linear, root = law.fitted.linear(found.evidence.rows.measured), np.array(term.root)
+    plausible, knots = PLAUSIBLE[kind_of(term.place, term.argument).unit], np.array(term.knots)
+    slopes = linear.jacobian[:, part] @ np.linalg.inv(root)
+    estimate = _to_values(len(law.fitted.x), part, root) @ law.judgement.posterior.mean
+    logs, moments = [], []
+    for size, roughness in product(SIZES, ROUGHNESS):
+        other = root_of(knots, size * plausible, roughness, term.argument in ZERO_AT_ZERO)
+        judged = found.judge.evaluate(Linear(linear.target, np.column_stack([linear.jacobian[:, : part.start], slopes @ other])))
+        turn = _to_values(len(estimate), part, other)
+        off = turn @ judged.posterior.mean - estimate
+        logs.append(judged.log_evidence)
+        moments.append(turn @ judged.posterior.covariance @ turn.T + np.outer(off, off))
+    weights = np.exp(np.array(logs) - max(logs))
+    return np.asarray(np.einsum("h,hij->ij", weights / weights.sum(), np.array(moments)))
+
+
 def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
-    """Covariance of the unknowns from how their estimate moves when each condition in turn is taken out (Efron, SIAM 1982)."""
+    """The same from how the estimate moves when each condition in turn is taken out (Efron, SIAM 1982)."""
     rows, whitening = found.evidence.rows, law.judgement.whitening
     linear, out = law.fitted.linear(rows.measured), _held_out_conditions(found)
     both = np.column_stack([linear.jacobian, linear.target])
@@ -286,7 +311,9 @@ def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Float
     for number in out:
         products, _ = products_without(both, weighed, whitening, rows.condition == number)
         estimates.append(np.linalg.solve(products[:-1, :-1] + unit, products[:-1, -1]))
-    apart = np.array(estimates) - np.mean(estimates, axis=0)
+    term, part = _term_of(law.fitted)
+    turned = np.array(estimates) @ _to_values(linear.jacobian.shape[1], part, np.array(term.root)).T
+    apart = turned - np.mean(turned, axis=0)
     return np.asarray((len(out) - 1.0) / len(out) * apart.T @ apart)
 
 
@@ -297,12 +324,13 @@ def _whole(found: ModelSelectionResult, law: Hypothesis, covariances: Sequence[F
 
     def at(x: Floats) -> Floats | None:
         own = own_law(found.evidence, coordinates.supposed(x), term.place, term.argument, np.array(term.knots))
-        return None if own is None else with_own(term.place, own, term.values(x[part]))
+        return None if own is None else with_own(term.place, own, x[part])
 
-    here = at(posterior.mean)
+    estimate = _to_values(coordinates.size, part, np.array(term.root)) @ posterior.mean
+    here = at(estimate)
     if here is None:
         return None
-    moved = [at(posterior.mean + STEP * unit) for unit in np.eye(coordinates.size)]
+    moved = [at(estimate + STEP * unit) for unit in np.eye(coordinates.size)]
     jacobian = np.column_stack([(there - here) / STEP for there in moved if there is not None])
     return here, _widest([jacobian @ each @ jacobian.T for each in covariances])
 
