@@ -14,7 +14,7 @@ from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.data.pendulum_windows import BIN_S, WINDOW_S, stretches_of
-from rfca_rig.diagnosis.diagnose import _body
+from rfca_rig.diagnosis.diagnose import _body, search_base
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization, coordinate_of, value_of
 from rfca_rig.diagnosis.inference.pendulum_nuisances import space_of_pendulum
@@ -51,10 +51,7 @@ def campaign(folder, design, **concealed):
 def searched(folder, **concealed):
     """What a search without a look at the catalogue leaves of such a campaign, and its recording."""
     recording = campaign(folder / "campaign", DESIGN, **concealed)
-    body, tables = _body([recording])
-    with algebra_on_one_thread():
-        evidence = make_dataset([*body.flaps, *tables])
-        return search_models(evidence, body.coordinates, [], lambda *_: None, body.as_commanded), recording
+    return search_base([recording], lambda *_: None), recording
 
 
 def deviations(law, truth):
