@@ -1,7 +1,7 @@
 """model.toml: a model as the sections that people write, with how well each value is known and where it came from."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ from rfca_rig.description.believed import model_of
 from rfca_rig.description.sections import KnownToSection, RigSections
 from rfca_rig.description.toml import read_toml
 from rfca_rig.description.toml_writing import comment, table, written
-from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.parameters import LawTable, RigModel
 from rfca_rig.recording.atomic import write_atomically
 
 SECTIONS = ("leg", "ground", "sensor", "drive")
@@ -32,11 +32,12 @@ class ModelFile(RigSections):
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """An effect that was found to act: its parameters by name, and one standard deviation of those that have one."""
+    """An effect that was found to act: its parameters by name, or its `table`, and one standard deviation of what has one, by name."""
 
     id: str
     parameters: Mapping[str, float]
     std: Mapping[str, float] = field(default_factory=dict)
+    table: LawTable | None = None
 
 
 def read_model_file(path: Path) -> ModelFile:
@@ -52,12 +53,20 @@ def write_model(
     `sections` holds leg, ground, sensor and drive as plain data in the file's units, and effects where some were believed already;
     `found` come behind those. Raises RigError where the disk refuses.
     """
-    believed = [FoundEffect(effect["id"], effect["parameters"]) for effect in sections.get("effects", ())]
+    believed = [_believed(effect) for effect in sections.get("effects", ())]
     tables = [table(name, keys) for name, keys in {**{name: sections[name] for name in SECTIONS}, "known_to": known_to}.items()]
     parts = ["".join(comment(line) for line in comments), *tables, *(_effect(effect) for effect in (*believed, *found))]
     write_atomically(path, "\n".join(parts).encode("utf-8"))
 
 
+def _believed(effect: Mapping[str, Any]) -> FoundEffect:
+    if "knots" not in effect:
+        return FoundEffect(effect["id"], effect["parameters"])
+    table = LawTable(effect["place"], effect["argument"], tuple(effect["knots"]), tuple(effect["values"]))
+    return FoundEffect(effect["id"], {}, table=table)
+
+
 def _effect(effect: FoundEffect) -> str:
-    lines = [f"[[effects]]\nid = {written(effect.id)}\nparameters = {written(effect.parameters)}\n"]
+    keys = {"parameters": effect.parameters} if effect.table is None else asdict(effect.table)
+    lines = ["[[effects]]\n", *(f"{key} = {written(value)}\n" for key, value in {"id": effect.id, **keys}.items())]
     return "".join(lines + [comment(f"{name} is known to {std:.3g}") for name, std in effect.std.items()])

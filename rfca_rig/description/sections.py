@@ -3,19 +3,23 @@
 Every key carries its unit; numbers must be finite; an unknown key is refused. Units are turned into SI in `believed`.
 """
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.parameters import PresentEffect
+from rfca_rig.model.parameters import LawTable, PresentEffect
 from rfca_rig.model.setup import resolved
+from rfca_rig.model.tabulated_law import TABULATED_LAW
 
+_TABLE_KEYS = ("place", "argument", "knots", "values")
 HINGE_LAW = "k0*phi + k0*k2*phi**3"
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 PositiveList = Annotated[tuple[Positive, ...], Field(strict=False, min_length=1)]
+Numbers = Annotated[tuple[float, ...], Field(strict=False)]
 
 
 class Section(BaseModel):
@@ -128,11 +132,33 @@ class EffectSection(Section):
 
     Shape parameters of its law may be left out.
 
-    A number beyond what is plausible is taken, one that cannot be is refused.
+    A number beyond what is plausible is taken, one that cannot be is refused. A `tabulated_law` has no parameters: its force is straight
+    between `values` at `knots`, as a function of the `argument` at the `place`.
     """
 
     id: str
-    parameters: dict[str, float]
+    parameters: dict[str, float] = {}
+    place: str | None = None
+    argument: str | None = None
+    knots: Numbers | None = None
+    values: Numbers | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_a_table_or_parameters(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping):
+            return data
+        id_, given = data.get("id"), [key for key in _TABLE_KEYS if data.get(key) is not None]
+        if id_ != TABULATED_LAW and given:
+            raise ValueError(f"effect {id_}: {given[0]} belongs to a {TABULATED_LAW}; give its numbers as parameters")
+        if id_ == TABULATED_LAW and data.get("parameters"):
+            raise ValueError(f"effect {TABULATED_LAW}: takes {', '.join(_TABLE_KEYS)}; leave parameters out")
+        if id_ == TABULATED_LAW and len(given) < len(_TABLE_KEYS):
+            missing = [key for key in _TABLE_KEYS if key not in given]
+            raise ValueError(f"effect {TABULATED_LAW}: {', '.join(missing)} missing; it takes {', '.join(_TABLE_KEYS)}")
+        if id_ != TABULATED_LAW and "parameters" not in data:
+            raise ValueError(f"effect {id_}: parameters missing; give them as parameters = {{ NAME = VALUE }}")
+        return data
 
     @model_validator(mode="after")
     def _can_be(self) -> "EffectSection":
@@ -147,7 +173,9 @@ class EffectSection(Section):
 
     def present(self) -> PresentEffect:
         """The same for the model."""
-        return PresentEffect(self.id, tuple(self.parameters.items()))
+        if self.place is None or self.argument is None or self.knots is None or self.values is None:
+            return PresentEffect(self.id, tuple(self.parameters.items()))
+        return PresentEffect(self.id, table=LawTable(self.place, self.argument, self.knots, self.values))
 
 
 Effects = Annotated[tuple[EffectSection, ...], Field(strict=False)]

@@ -94,6 +94,16 @@ def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits
     return replace(found, recordings=tuple(map(_named, recordings)), remarks=(*found.remarks, *describe_exclusions(without)))
 
 
+@algebra_on_one_thread()
+def search_base(recordings: Sequence[Recording], progress: Progress) -> ModelSelectionResult:
+    """The fit with nothing missing alone, as the base of a measured law; no effect of the catalogue is looked for.
+
+    Raises BadInput where the recordings cannot be used together or at all, SimulationFailed where the model cannot be computed.
+    """
+    body, tables = _body(recordings)
+    return search_models(make_dataset([*body.flaps, *tables]), body.coordinates, [], progress, body.as_commanded)
+
+
 def _named(recording: Recording) -> Diagnosed:
     return Diagnosed(recording.title, recording.source, identity_of(recording.title, recording.source, recording.provenance))
 

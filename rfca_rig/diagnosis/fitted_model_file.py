@@ -8,7 +8,7 @@ from typing import Any
 from rfca_rig.analysis.fitting.model_file import fitted_sections
 from rfca_rig.analysis.fitting.parameters import PARAMETERS
 from rfca_rig.description.model_file import FoundEffect, write_model
-from rfca_rig.diagnosis.result import Diagnosis, NamedEffect
+from rfca_rig.diagnosis.result import Diagnosis, NamedEffect, Value
 from rfca_rig.recording.form import Recording
 
 HEIGHT_OFFSET = "height_offset"
@@ -25,7 +25,7 @@ def write_fitted_model(path: Path, diagnosis: Diagnosis, recording: Recording) -
     if diagnosis.found_rig.drive.holds_start:
         sections["drive"] = {**sections["drive"], "holds_start": True}
     comments = [f"Diagnosed from {diagnosis.title}", diagnosis.sentence]
-    write_model(path, sections, _known_to(diagnosis, recording), comments, _effects(diagnosis))
+    write_model(path, sections, refine_known_to(diagnosis.believed_values, recording), comments, _effects(diagnosis))
     return True
 
 
@@ -44,10 +44,10 @@ def _found(effect: NamedEffect) -> FoundEffect:
     return FoundEffect(effect.id, values, {name: value.std for name, value in found.items() if value.std})
 
 
-def _known_to(diagnosis: Diagnosis, recording: Recording) -> Mapping[str, float]:
+def refine_known_to(values: Mapping[str, Value], recording: Recording) -> Mapping[str, float]:
     """[known_to] with what is known now; what was not fitted stays as it was stated."""
     known = {key: float(value) for key, value in recording.known_to.items() if value is not None}
-    for name, value in diagnosis.believed_values.items():
+    for name, value in values.items():
         parameter = PARAMETERS.get(name)
         if parameter is not None and parameter.known_to in known and value.std > 0.0:
             known[parameter.known_to] = value.std / abs(value.value) if parameter.relative else value.std

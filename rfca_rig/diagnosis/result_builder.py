@@ -83,7 +83,7 @@ def build_result(body: "PreparedData", verdicts: "Findings", effects: Sequence[E
         unexplained=(*_unexplained(grade, verdicts), *free_text),
         remarks=(*body.remarks, *_remarks(body, leg), *_late(body, verdicts)),
         next_experiment=next_experiment(body, verdicts, _enough(body), limits),
-        believed_values=_values(explanation),
+        believed_values=nuisance_values(explanation),
         overlays=(*overlays(leg, explanation), *_of_drive(verdicts)),
         settings=_settings(body, leg, effects),
         found_effects=found_effects,
@@ -234,7 +234,7 @@ def _late(body: "PreparedData", verdicts: "Findings") -> tuple[str, ...]:
             return ()
         late_ms = 1e3 * float(np.mean([late_s(shaft, body.rig.drive.ramp_s) for shaft in body.shafts]))
         return (f"but for being {late_ms:.1f} ms late the drive does what it is told",)
-    fitted_ms = _values(verdicts.drive_decision.accepted)["command_delay"]
+    fitted_ms = nuisance_values(verdicts.drive_decision.accepted)["command_delay"]
     said = f"the drive does what it is told {fitted_ms.value:.1f} ms late (standard deviation {fitted_ms.std:.1f} ms)"
     return (said,) if fitted_ms.value > SHOWS * fitted_ms.std else ()
 
@@ -242,7 +242,7 @@ def _late(body: "PreparedData", verdicts: "Findings") -> tuple[str, ...]:
 def moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
     """The nuisance parameters that had to move by more than MOVED prior standard deviations, farthest first."""
     space, posterior = hypothesis.fitted.coordinates.space, hypothesis.judgement.posterior
-    centres, stds, values = space.centres, space.prior_std, _values(hypothesis)
+    centres, stds, values = space.centres, space.prior_std, nuisance_values(hypothesis)
     found = [
         MovedPrior(p.name, p.unit, Value(float(centre), float(std)), values[p.name], float(z))
         for p, centre, std, z in zip(space.parameters, centres, stds, posterior.mean, strict=False)
@@ -251,7 +251,8 @@ def moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
     return tuple(sorted(found, key=lambda one: -abs(one.deviations)))
 
 
-def _values(hypothesis: Hypothesis) -> Mapping[str, Value]:
+def nuisance_values(hypothesis: Hypothesis) -> Mapping[str, Value]:
+    """The nuisance parameters in their units, with standard deviations."""
     space, posterior = hypothesis.fitted.coordinates.space, hypothesis.judgement.posterior
     x = posterior.mean[: len(space.std)]
     std = space.std_in_units(x, np.sqrt(np.diag(posterior.covariance))[: len(space.std)])

@@ -9,7 +9,7 @@ from rfca_rig.exam.engine_hinge import dahl
 
 Floats = NDArray[np.float64]
 
-# entries of `floor` (20)
+# entries of `floor` (21)
 (
     STIFFNESS,
     DAMPING,
@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
     LEVER_POWER,
     RISE,
     RISE_SPEED,
+    RISE_POWER,
     BACKWARD,
     SLOPE,
     BUMP,
@@ -31,7 +32,7 @@ Floats = NDArray[np.float64]
     MAGNET,
     REACH,
     HEIGHT,
-) = range(20)
+) = range(21)
 
 TYPICAL_DEPTH_M = 3e-3  # under the paper's loads; laws of other powers are compared there
 HOLD_M = 2e-4  # depth over which adhesion takes hold
@@ -54,7 +55,8 @@ def friction_limit(floor: Floats, slip: float, share: float) -> float:
     """Friction coefficient at a slip speed; `share` tells the direction that a stuck end resists."""
     mu = floor[MU]
     if floor[RISE] != 0.0:
-        mu *= 1.0 + floor[RISE] * np.exp(-abs(slip) / floor[RISE_SPEED])
+        speeds = abs(slip) / floor[RISE_SPEED]
+        mu *= 1.0 + floor[RISE] * np.exp(-speeds if floor[RISE_POWER] == 1.0 else -(speeds ** floor[RISE_POWER]))
     return float(mu * floor[BACKWARD] if share < 0.0 else mu)
 
 

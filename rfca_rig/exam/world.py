@@ -70,6 +70,7 @@ class Floor:
     lever_power: float = 1.0
     stribeck_rise: float = 0.0
     stribeck_m_s: float = 1.0
+    stribeck_power: float = 1.0
     mu_backward_share: float = 1.0
     slope: float = 0.0
     bump_m: float = 0.0

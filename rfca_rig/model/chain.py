@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.equilibrium import settle, settle_memory
 from rfca_rig.model.integrator import DONE, SHORTEST_STEP_S, STEP_TOO_SHORT, integrate
-from rfca_rig.model.laws import LawUse, address_of, address_of_advance
+from rfca_rig.model.laws import TABLE, LawUse, address_of, address_of_advance
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Chain, Laws, Samples, Shaft, State
@@ -87,9 +87,10 @@ def _inertia(lengths_m: tuple[float, ...], masses_kg: tuple[float, ...]) -> tupl
 
 def laws_of(uses: Sequence[LawUse]) -> Laws:
     """The laws of effects as arrays; compiles each once per process."""
-    parameter = np.zeros((len(uses), 8))
+    parameter = np.zeros((len(uses), TABLE + max((len(use.table) for use in uses), default=0)))
     for row, use in zip(parameter, uses, strict=True):
         row[: len(use.parameters)] = use.parameters
+        row[TABLE : TABLE + len(use.table)] = use.table
     return Laws(
         address=np.array([address_of(use.law, use.place) for use in uses], dtype=np.int64),
         advance=np.array([address_of_advance(use.advance) if use.advance else 0 for use in uses], dtype=np.int64),

@@ -4,7 +4,7 @@ import numpy as np
 
 from rfca_rig.model.call import call_law
 from rfca_rig.model.compiled import inlined
-from rfca_rig.model.laws import NORMAL, SLIP
+from rfca_rig.model.laws import LOAD, NORMAL, SLIP
 from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
 
 Normal = tuple[float, float, float]
@@ -42,16 +42,20 @@ def added_normal_force(laws: Laws, depth: float, rate: float, work: Work) -> tup
 
 
 @inlined
-def friction_factor(laws: Laws, slip: float, work: Work) -> tuple[float, float]:
-    """By what effects multiply the friction coefficient at a sliding speed, and its derivative."""
+def friction_factor(laws: Laws, slip: float, normal: float, work: Work) -> tuple[float, float, float]:
+    """By what effects multiply the friction coefficient at a sliding speed and a normal force, and its derivatives by both."""
     x, out = work.x, work.out
-    factor, factor_v = 1.0, 0.0
+    factor, factor_v, factor_N = 1.0, 0.0, 0.0
     for m in range(laws.place.size):
         if laws.place[m] == SLIP:
             x[0] = slip
             call_law(laws.address[m], x, x, laws.parameter[m], out)
-            factor, factor_v = factor * out[0], factor_v * out[0] + factor * out[1]
-    return factor, factor_v
+            factor, factor_v, factor_N = factor * out[0], factor_v * out[0] + factor * out[1], factor_N * out[0]
+        elif laws.place[m] == LOAD:
+            x[0] = normal
+            call_law(laws.address[m], x, x, laws.parameter[m], out)
+            factor, factor_v, factor_N = factor * out[0], factor_v * out[0], factor_N * out[0] + factor * out[1]
+    return factor, factor_v, factor_N
 
 
 @inlined
@@ -127,9 +131,12 @@ def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weig
             plain = plain_normal_force(chain, place[k, 0], place[k, 1])
             more = added_normal_force(laws, place[k, 0], place[k, 1], work)
             normal = (plain[0] + more[0], plain[1] + more[1], plain[2] + more[2])
-            factor, factor_v = friction_factor(laws, place[k, 3], work)
+            factor, factor_v, factor_N = friction_factor(laws, place[k, 3], normal[0], work)
             mu, mu_v = chain.mu * factor, chain.mu * factor_v
-            tangential = tangential_force(chain.presliding, chain.drag, mu, mu_v, place[k, 2], place[k, 3], normal[0])
+            F, F_s, F_v, F_N = tangential_force(chain.presliding, chain.drag, mu, mu_v, place[k, 2], place[k, 3], normal[0])
+            if factor_N != 0.0 and factor != 0.0:
+                F_N += (F + chain.drag * place[k, 3]) * factor_N / factor
+            tangential = (F, F_s, F_v, F_N)
             contact[0, k], contact[1, k] = normal[0], tangential[0]
             work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
             add_contact(chain, k, normal, tangential, w, weights, work)

@@ -71,11 +71,11 @@ def is_drive(use: LawUse) -> bool:
 
 def with_traces(laws: Laws, uses: Sequence[LawUse], trace: TorqueTrace) -> Laws:
     """`laws`, which are those of `uses`, with the trace of its joint behind the parameters of each drive."""
-    count = len(trace.torque_Nm)
-    parameter = np.zeros((len(uses), TRACE + count))
-    parameter[:, :TRACE] = laws.parameter
+    count, width = len(trace.torque_Nm), laws.parameter.shape[1]
+    parameter = np.zeros((len(uses), max(TRACE + count, width)))
+    parameter[:, :width] = laws.parameter
     for row, use in zip(parameter, uses, strict=True):
         if is_drive(use):
             row[STEP], row[COUNT] = trace.step_s, count
-            row[TRACE:] = trace.torque_Nm[:, use.only - 1]
+            row[TRACE : TRACE + count] = trace.torque_Nm[:, use.only - 1]
     return laws._replace(parameter=parameter)

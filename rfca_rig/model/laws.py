@@ -11,8 +11,12 @@ Python function that numba can compile, with one of these signatures; `memory` (
             F [N] at the middle of a link, across it, in the direction of growing angle, for the speed v [m/s] there
     SLIP    factor(v, memory, parameter) -> (f, df/dv)
             f multiplies the friction coefficient at the sliding speed v [m/s]
+    LOAD    factor(N, memory, parameter) -> (f, df/dN)
+            f multiplies the friction coefficient at the normal force N [N]
     NORMAL  force(depth, rate, memory, parameter) -> (N, dN/d depth, dN/d rate)
             N [N] is added to the normal force of an end that is `depth` [m] in the ground and sinks at `rate` [m/s]
+
+A law that needs more than 8 numbers takes them from its `table`, which stands from parameter[8] on.
 
 A HINGE or ROTOR law with memory brings a second function, called once after each accepted step, which may change `memory`:
 
@@ -27,7 +31,8 @@ from typing import Any, cast
 import numba
 from numba import types
 
-HINGE, LINK, SLIP, NORMAL, ROTOR = range(5)
+HINGE, LINK, SLIP, NORMAL, ROTOR, LOAD = range(6)
+TABLE = 8  # where the table of a law begins in its row of parameters
 
 Law = Callable[..., Any]
 
@@ -97,18 +102,19 @@ def _normal(law: Law) -> Law:
     return call
 
 
-_WRAPPERS = {HINGE: _hinge, LINK: _link, SLIP: _slip, NORMAL: _normal, ROTOR: _rotor}
+_WRAPPERS = {HINGE: _hinge, LINK: _link, SLIP: _slip, NORMAL: _normal, ROTOR: _rotor, LOAD: _slip}
 
 
 @dataclass(frozen=True)
 class LawUse:
-    """One law as an effect uses it: where, with which parameters (at most 8), on which one hinge or link (-1 for all)."""
+    """One law as an effect uses it: where, with which parameters (at most 8) and `table`, on which one hinge or link (-1 for all)."""
 
     place: int
     law: Law
     parameters: tuple[float, ...]
     advance: Law | None = None
     only: int = -1
+    table: tuple[float, ...] = ()
 
 
 def compile_law(use: LawUse) -> None:

@@ -62,11 +62,28 @@ class Drive:
 
 
 @dataclass(frozen=True)
+class LawTable:
+    """A force as a function of one argument: straight lines between `values` at ascending `knots`, constant beyond both ends.
+
+    `place` and `argument` say where it acts and what it depends on; `tabulated_law` lists both, with units.
+    """
+
+    place: str
+    argument: str
+    knots: tuple[float, ...]
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class PresentEffect:
-    """A piece of physics switched on: its id in the catalogue, and the values of its parameters in the units of their names."""
+    """A piece of physics switched on: its id in the catalogue, and the values of its parameters in the units of their names.
+
+    A tabulated law is in no catalogue: it has a `table` in place of values.
+    """
 
     id: str
-    values: tuple[tuple[str, float], ...]
+    values: tuple[tuple[str, float], ...] = ()
+    table: LawTable | None = None
 
 
 @dataclass(frozen=True)

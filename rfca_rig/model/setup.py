@@ -12,25 +12,30 @@ from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.chain import at_rest, chain_of, laws_of, set_swinging
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.forces import measure
-from rfca_rig.model.laws import LawUse, compile_law
+from rfca_rig.model.laws import TABLE, LawUse, compile_law
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Chain, Laws, Shaft, State
+from rfca_rig.model.tabulated_law import TABULATED_LAW, effect_of_table
 
 Floats = NDArray[np.float64]
 
-PARAMETERS_AT_MOST = 8
+PARAMETERS_AT_MOST = TABLE
 
 
 @dataclass(frozen=True)
 class Felt:
-    """What the sensor reports: channels over time (m,), in its axes and signs. Effects of the sensor change it afterwards."""
+    """What the sensor reports: channels over time (m,), in its axes and signs. Effects of the sensor change it afterwards.
+
+    `shaft_rad` is where the shaft is meanwhile.
+    """
 
     t_s: Floats
     fy_N: Floats
     fz_N: Floats
     tx_Nm: Floats
+    shaft_rad: Floats
 
 
 @dataclass(frozen=True)
@@ -143,6 +148,8 @@ def resolved(present: PresentEffect) -> tuple[Effect, dict[str, float]]:
 
     Raises BadInput where either does not fit.
     """
+    if present.id == TABULATED_LAW:
+        return effect_of_table(present.table), {}
     known = catalogue()
     if present.id not in known:
         raise BadInput(f"effect {present.id}: not in the catalogue; there are {', '.join(sorted(known))}")

@@ -71,7 +71,7 @@ def stroke_of(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None) -> 
     moving = Samples(*(column[resting:] for column in everything))
     cost = advance(chain, shaft, state, (setup.begins_s, float(t_s[-1])), FIRST_STEP_S, tolerance or Tolerance(), moving, laws)
     fy, fz, torque = everything.force.T
-    felt = setup.felt(Felt(t_s, fy, fz, torque + setup.rig.sensor.below_shaft_m * fy))
+    felt = setup.felt(Felt(t_s, fy, fz, torque + setup.rig.sensor.below_shaft_m * fy, everything.q[:, 0]))
     return SimulatedStroke(
         t_s=t_s,
         q_rad=everything.q[:, :links],

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.parameters import LawTable, RigModel
+from rfca_rig.model.tabulated_law import kind_of
 
 UNITS = {
     "_Nm_s_per_rad": ("N m s/rad", 1.0),
@@ -43,7 +44,13 @@ def quantities_of(rig: RigModel) -> list[Quantity]:
         if (value := getattr(getattr(rig, section), parameter.name)) is not None and value is not False
     ]
     effects = [_quantity("effect", f"{present.id} {name}", value) for present in rig.effects for name, value in present.values]
-    return sections + effects
+    tables = [_of_table(present.table) for present in rig.effects if present.table is not None]
+    return sections + effects + tables
+
+
+def _of_table(table: LawTable) -> Quantity:
+    values = f"{len(table.values)} values, {min(table.values):.4g} to {max(table.values):.4g}"
+    return Quantity("effect", f"tabulated_law of {table.argument} at {table.place}", values, kind_of(table.place, table.argument).unit)
 
 
 def _quantity(section: str, name: str, value: Any) -> Quantity:

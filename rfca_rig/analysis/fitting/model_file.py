@@ -1,6 +1,7 @@
 """A fitted model as a model file: what the fit moved, how well that is known now, and what it was fitted to."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,10 @@ def fitted_sections(believed: Mapping[str, Any], rig: RigModel, height_offset_m:
 
 def _effects(rig: RigModel, offset_mm: float) -> list[dict[str, Any]]:
     """Those of the rig; an offset adds to one that was believed already."""
-    effects = [{"id": present.id, "parameters": dict(present.values)} for present in rig.effects]
+    effects = [
+        {"id": present.id, "parameters": dict(present.values), **({} if present.table is None else asdict(present.table))}
+        for present in rig.effects
+    ]
     if not offset_mm:
         return effects
     believed_mm = sum(dict(present.values)["offset_mm"] for present in rig.effects if present.id == HEIGHT_OFFSET)

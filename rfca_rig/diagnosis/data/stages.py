@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.data.observations import Label, Observations
 from rfca_rig.model.chain import Tolerance
-from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.static_stages import StageMoves, staged_motion
 from rfca_rig.model.stroke import stroke_following
 from rfca_rig.recording.form import StaticStage
@@ -65,7 +65,7 @@ class StageTable:
 
     def _table(self, supposed: Supposed) -> Floats:
         turned = tuple(stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages)
-        settled = tuple(effect for effect in supposed.rig.effects if effect.id not in IN_MOTION_ONLY)
+        settled = tuple(effect for effect in supposed.rig.effects if not _in_motion_only(effect))
         rig = replace(supposed.rig, swing=None, effects=settled)
         held = _held(rig, self.height_m + supposed.height_offset_m, turned, self.moves)
         return np.concatenate(held[: len(self.signals)])
@@ -105,6 +105,11 @@ class StageTable:
             condition=np.zeros(int(present.sum()), dtype=np.intp),
             labels=tuple(Label("static", f"{1e3 * self.height_m:g} mm", signal) for signal in signals),
         )
+
+
+def _in_motion_only(present: PresentEffect) -> bool:
+    """Whether a settled reading does not show the effect; the sensor is tared at each stage, so that what it adds over time does not."""
+    return present.id in IN_MOTION_ONLY or (present.table is not None and present.table.argument == "time_s")
 
 
 @lru_cache(maxsize=REMEMBERED)

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 
 from rfca_rig.diagnosis.data.observations import Observations
 from rfca_rig.diagnosis.likelihood.covariance import AtError
@@ -41,6 +41,26 @@ def loo_estimates(linear: Linear, whitening: AtError, condition: NDArray[np.intp
         others, _ = products_without(both, weighted, whitening, condition == number)
         means.append(np.linalg.solve(others[:unknowns, :unknowns] + np.eye(unknowns), others[:unknowns, unknowns]))
     return np.array(means).reshape(-1, unknowns)
+
+
+def loo_log_densities(linear: Linear, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
+    """Log predictive density of each condition's rows, given all other rows, (conditions,); those that stay in are 0."""
+    both, log_2pi = np.column_stack([linear.jacobian, linear.target]), float(np.log(2.0 * np.pi))
+    weighted = whitening.weighted(both)
+    everything = _log_evidence(both.T @ weighted, whitening.log_det)
+    found = np.zeros(int(condition.max()) + 1)
+    for number in left_out:
+        out = condition == number
+        others = _log_evidence(*products_without(both, weighted, whitening, out))
+        found[number] = everything - others - 0.5 * int(out.sum()) * log_2pi
+    return found
+
+
+def _log_evidence(products: Floats, log_det: float) -> float:
+    """Log density (without 2 pi) of rows with these products of columns and target, the unknowns standard normal before."""
+    factor = cholesky(products[:-1, :-1] + np.eye(len(products) - 1), lower=True, check_finite=False)
+    match = solve_triangular(factor, products[:-1, -1], lower=True, check_finite=False)
+    return 0.5 * float(match @ match - products[-1, -1] - log_det) - float(np.log(np.diag(factor)).sum())
 
 
 def products_without(both: Floats, weighted: Floats, whitening: AtError, out: NDArray[np.bool_]) -> tuple[Floats, float]:

@@ -161,7 +161,7 @@ def _pull(shares_of: Callable[[SimulatedStroke], Floats], down: bool) -> Callabl
     """A force from outside, downwards or along +y: the torques that it has about the hinges, and its own part in what the mount feels."""
 
     def response(here: NominalCondition) -> Floats:
-        arms, windows = _arms(here, shares_of(here.stroke), down), here.bumps.at(here.flap.t_s)
+        arms, windows = arms_of(here, shares_of(here.stroke), down), here.bumps.at(here.flap.t_s)
         levers = _as_bumps(windows, windows[:, :, None] * arms[:, None, 1:])
         torque = -windows * arms[:, :1]
         fy, fz = (0.0 * windows, windows) if down else (-windows, 0.0 * windows)
@@ -177,7 +177,7 @@ def _as_bumps(bumps: Floats, courses: Floats) -> Floats:
     return np.asarray(flat.reshape(bumps.shape[1], *courses.shape[1:]))
 
 
-def _arms(here: NominalCondition, shares: Floats, down: bool) -> Floats:
+def arms_of(here: NominalCondition, shares: Floats, down: bool) -> Floats:
     """How much further the pulled point gets per radian that all links from i on turn, (m, n)."""
     q, length = here.stroke.q_rad, np.array(here.supposed.rig.leg.link_lengths_m)
     reach = length * (np.cos(q) if down else -np.sin(q))

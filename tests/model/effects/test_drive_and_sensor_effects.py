@@ -72,7 +72,7 @@ def test_a_rippled_shaft_has_its_law_s_speed(amplitude, cycles):
 
 def felt(t, **effects):
     setup = set_up(having(PAPER, **effects), 0.2, held(0.2))
-    return setup.felt(Felt(t, np.sin(3 * t), np.maximum(t, 0.0) * 7.0 + 2.0, np.cos(3 * t)))
+    return setup.felt(Felt(t, np.sin(3 * t), np.maximum(t, 0.0) * 7.0 + 2.0, np.cos(3 * t), 0.0 * t))
 
 
 def test_a_lagging_sensor_follows_a_ramp_behind_by_its_time_constant():

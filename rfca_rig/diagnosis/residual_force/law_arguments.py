@@ -1,0 +1,159 @@
+"""What a force at a place may depend on: the arguments' ranges over the recordings, knots for them, and what the model has there already.
+
+Ranges come from the model's own motion, which has no noise, never from a differentiated recording.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.swings import shifted
+from rfca_rig.diagnosis.data.dataset import Dataset
+from rfca_rig.diagnosis.data.pendulum_windows import Stretch
+from rfca_rig.diagnosis.data.strokes import FlapCondition
+from rfca_rig.diagnosis.inference.pendulum_nuisances import of_pendulum
+from rfca_rig.errors import BadInput
+from rfca_rig.model.pendulum import driven
+from rfca_rig.model.stroke import SimulatedStroke
+from rfca_rig.model.tabulated_law import SURE_OF_SIGN_RAD_S
+
+Floats = NDArray[np.float64]
+
+# Knots of a law that may change sign with its argument stand denser around zero, where friction changes: even in asinh(u / (0.05 of the
+# largest)). 15 knots are 10 to 40 % of the argument apart.
+# With 11, 15 or 21 of them the law takes away 74.5, 75.3 and 75.3 % of the held-out misfit of a quadratic hinge damping, and 81.6, 82.2
+# and 82.0 % of that of a friction that differs by direction.
+SIGNED_KNOTS, PLAIN_KNOTS = 15, 9
+NEAR_ZERO = 0.05
+SELDOM = 1e-3  # share of the time at either end of the range that is left to a constant: bounces of a single millisecond
+PRESSED = 0.05  # of the largest load: a tip that hardly touches shows nothing of friction
+
+SIGNED = ("rate_rad_s", "slip_m_s")
+ZERO_AT_ZERO = ("rate_rad_s",)  # what resists a turn is not there without one: a steady torque is a spring's or a weight's
+PLAUSIBLE = {"N m": 0.1, "N": 2.0, "": 0.3}  # size of a law's value, in its unit: some percent of what the paper's leg does in a stroke
+
+
+@dataclass(frozen=True)
+class Course:
+    """One argument over one condition: `values` (m, k) at the times `t_s` (m,), k hinges or 1, and where each `counts`, (m, k)."""
+
+    t_s: Floats
+    values: Floats
+    counts: NDArray[np.bool_]
+
+
+def arguments_at(place: str) -> tuple[str, ...]:
+    """The arguments that are tried at a place."""
+    if place.startswith("hinge"):
+        return ("rate_rad_s", "angle_rad", "spring_torque_Nm")
+    if place.startswith("joint"):
+        return ("rate_rad_s", "angle_rad")
+    known = {"floor_friction": ("slip_m_s", "load_N"), "floor_normal": ("depth_m",)}
+    if place in known:
+        return known[place]
+    return (f"reading_{place.split('_')[1]}", "time_s", "shaft_angle_rad")
+
+
+def courses(evidence: Dataset, supposed: Supposed, place: str, argument: str) -> list[Course]:
+    """The argument over every condition that moves, as the model has it. Raises SimulationFailed, and BadInput where none moves."""
+    found = [course_of_stroke(flap, supposed, place, argument) for flap in evidence.flaps]
+    found += [each for part in evidence.parts if isinstance(part, Stretch) for each in course_of_stretch(part, supposed, place, argument)]
+    if not found:
+        raise BadInput(f"no recording moves, so that a law of {argument} at {place} cannot be measured; record strokes")
+    return found
+
+
+def visited_range(found: Sequence[Course]) -> tuple[float, float]:
+    """Between which values the argument was, but for a thousandth of the time at either end."""
+    counted = np.concatenate([each.values[each.counts] for each in found])
+    low, high = np.quantile(counted, [SELDOM, 1.0 - SELDOM]) if counted.size else (0.0, 0.0)
+    return float(low), float(high)
+
+
+def knots_over(visited: tuple[float, float], argument: str) -> Floats:
+    """Knots (k,) over a range, ascending."""
+    low, high = visited
+    if argument not in SIGNED:
+        return np.linspace(low, high, PLAIN_KNOTS)
+    scale = NEAR_ZERO * max(abs(low), abs(high))
+    first, last = np.arcsinh(low / scale), np.arcsinh(high / scale)
+    spacing = (last - first) / (SIGNED_KNOTS - 1)
+    if first > -spacing or last < spacing:
+        return np.asarray(scale * np.sinh(np.linspace(first, last, SIGNED_KNOTS)))
+    below = np.linspace(first, 0.0, round(-first / spacing) + 1)
+    above = np.linspace(0.0, last, round(last / spacing) + 1)
+    return np.asarray(scale * np.sinh(np.append(below, above[1:])))
+
+
+def own_law(evidence: Dataset, supposed: Supposed, place: str, argument: str, u: Floats) -> Floats | None:
+    """What the model has at the place already, at the arguments `u` (k,), with its base effects left aside; None where it has nothing."""
+    leg, ground = supposed.rig.leg, supposed.rig.ground
+    if place.startswith("joint"):
+        return _own_of_joint(evidence, supposed, place, argument, u)
+    laws: dict[str, Callable[[], Floats]] = {
+        "rate_rad_s": lambda: leg.hinge_damping_Nm_s_per_rad * u,
+        "angle_rad": lambda: leg.k0_Nm_per_rad * u * (1.0 + leg.k2_per_rad2 * u**2),
+        "slip_m_s": lambda: np.full_like(u, ground.friction_coefficient),
+        "load_N": lambda: np.full_like(u, ground.friction_coefficient),
+        "depth_m": lambda: ground.stiffness_N_per_m1p5 * np.maximum(u, 0.0) ** 1.5,
+    }
+    return laws[argument]() if argument in laws else None
+
+
+def with_own(place: str, own: Floats, values: Floats) -> Floats:
+    """The whole law where the model has `own` and the table adds `values`: a share of the friction coefficient, elsewhere a force."""
+    return np.asarray(own * (1.0 + values) if place == "floor_friction" else own + values)
+
+
+def _own_of_joint(evidence: Dataset, supposed: Supposed, place: str, argument: str, u: Floats) -> Floats | None:
+    stretch = next(part for part in evidence.parts if isinstance(part, Stretch))
+    links = shifted(stretch.pendulum, dict(of_pendulum(supposed).off)).links
+    number = "1" if len(links) == 1 else place.removeprefix("joint")
+    if argument != "rate_rad_s" or not number.isdecimal():
+        return None
+    link = links[int(number) - 1]
+    return np.asarray(link.joint_damping_Nm_s_per_rad * u + link.joint_friction_Nm * np.tanh(u / SURE_OF_SIGN_RAD_S))
+
+
+def course_of_stroke(flap: FlapCondition, supposed: Supposed, place: str, argument: str) -> Course:
+    stroke, rig = flap.stroke(supposed), supposed.rig
+    if place.startswith("hinge"):
+        angle, rate = np.diff(stroke.q_rad, axis=1), np.diff(stroke.w_rad_s, axis=1)
+        torque = np.abs(rig.leg.k0_Nm_per_rad * angle * (1.0 + rig.leg.k2_per_rad2 * angle**2))
+        values = {"rate_rad_s": rate, "angle_rad": angle, "spring_torque_Nm": torque}[argument]
+        if place != "hinges":
+            values = values[:, int(place.removeprefix("hinge")) - 2][:, None]
+        return Course(stroke.t_s, values, np.ones(values.shape, dtype=bool))
+    values, counts = _at_floor(flap, supposed, stroke)[argument] if place.startswith("floor") else _of_channel(stroke, place, argument)
+    return Course(stroke.t_s, values[:, None], counts[:, None])
+
+
+def _at_floor(flap: FlapCondition, supposed: Supposed, stroke: SimulatedStroke) -> dict[str, tuple[Floats, NDArray[np.bool_]]]:
+    """Slip speed, load and depth of the tip, and where it touches."""
+    q, w, length = stroke.q_rad, stroke.w_rad_s, np.array(supposed.rig.leg.link_lengths_m)
+    load = stroke.normal_N[:, -1]
+    slip = -(np.sin(q) * w) @ length - supposed.rig.friction_lever_m * w[:, -1]
+    depth = np.sin(q) @ length + supposed.rig.leg.link_radius_m - flap.height_m - supposed.height_offset_m
+    pressed = load > PRESSED * load.max()
+    return {"slip_m_s": (slip, pressed), "load_N": (load, load > 0.0), "depth_m": (depth, depth > 0.0)}
+
+
+def _of_channel(stroke: SimulatedStroke, place: str, argument: str) -> tuple[Floats, NDArray[np.bool_]]:
+    values = {"time_s": stroke.t_s, "shaft_angle_rad": stroke.shaft_angle_rad}.get(argument, getattr(stroke, place))
+    return values, np.ones(len(stroke.t_s), dtype=bool)
+
+
+def course_of_stretch(stretch: Stretch, supposed: Supposed, place: str, argument: str) -> list[Course]:
+    ready = driven(shifted(stretch.pendulum, dict(of_pendulum(supposed).off)), supposed.rig.effects)
+    found = []
+    for each in stretch.windows:
+        window = each.window
+        swing = ready.swing(window.trace, window.angle_rad, window.speed_rad_s, window.t_s)
+        values = swing.speed_rad_s if argument == "rate_rad_s" else swing.angle_rad
+        if place != "joints":
+            values = values[:, int(place.removeprefix("joint")) - 1][:, None]
+        found.append(Course(window.t_s, values, np.ones(values.shape, dtype=bool)))
+    return found

@@ -1,0 +1,229 @@
+"""Whether a measured law has memory: whether the force at one value of its argument differs while the argument rises from while it falls.
+
+Beside the law f(u) a second one, g(u) sign(du/dt), acts as a force over time along the motion that the law makes; the observations answer
+to it in proportion. It is fitted with everything else free. A friction that follows the speed alone leaves g at zero; presliding, a loop
+of the spring or play do not.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.swings import shifted
+from rfca_rig.diagnosis.data.dataset import THREADS
+from rfca_rig.diagnosis.data.pendulum_windows import Stretch
+from rfca_rig.diagnosis.data.strokes import FlapCondition
+from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
+from rfca_rig.diagnosis.inference.pendulum_nuisances import of_pendulum
+from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
+from rfca_rig.diagnosis.residual_force.force_inputs import NominalCondition, arms_of, of_tip
+from rfca_rig.diagnosis.residual_force.law_arguments import PLAUSIBLE, Course, course_of_stretch, course_of_stroke
+from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, root_of
+from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, Change, bumps_of, forced_stroke
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.laws import HINGE, TABLE, LawUse
+from rfca_rig.model.parameters import LawTable
+from rfca_rig.model.pendulum import driven
+from rfca_rig.model.setup import Setup, with_law
+from rfca_rig.model.tabulated_law import kind_of
+
+Floats = NDArray[np.float64]
+
+TRIED = 0.1  # of a plausible size: large against the integrator's error, small against what bends the leg
+STEP_S = 1e-3  # of a force over time, as recordings have it
+TURNING = 0.02  # of the greatest du/dt, below which the direction fades, so that rest has none
+# Log evidence from which on two branches are better than one: laws without memory gained -5 to 15 on simulated campaigns, dry friction of
+# the pins and a loop of the spring 44 to 450 where the recordings turn back.
+EVIDENCE = 25.0
+BENDING = ("angle_rad", "spring_torque_Nm")  # arguments that grow with the load of a static stage
+APART = 0.25  # of the knots at which the branches must be two standard deviations apart
+
+
+@dataclass(frozen=True)
+class MemoryTest:
+    """Both branches of a law at its knots, `rising` and `falling` (k,), and the standard deviation of their difference, `std` (k,).
+
+    `log_evidence_gain` is what two branches gain over one; `has_memory` whether they differ by more than the band allows.
+    """
+
+    rising: Floats
+    falling: Floats
+    std: Floats
+    log_evidence_gain: float
+    has_memory: bool
+
+
+def detect_memory(found: ModelSelectionResult, linear: Linear, supposed: Supposed, table: LawTable, slopes: Floats) -> MemoryTest:
+    """The two branches of the law in `table`, which acts in what is `supposed`; `linear` is the hypothesis with the law around that.
+
+    `slopes` (m, k) is what the values of the table do to all rows: at a static stage they act in the direction of its turn.
+    Raises SimulationFailed where the model has no answer.
+    """
+    plausible = PLAUSIBLE[kind_of(table.place, table.argument).unit]
+    responses = _responses(found, supposed, table, plausible) + _of_stages(found, table, slopes)
+    whitening, knots = found.judge.level(linear), np.array(table.knots)
+    none = laplace_posterior(linear, whitening).log_evidence
+    best, root = None, np.empty(0)
+    for size, roughness in product(SIZES, ROUGHNESS):
+        tried = root_of(knots, size * plausible, roughness)
+        posterior = laplace_posterior(Linear(linear.target, np.column_stack([linear.jacobian, responses @ tried])), whitening)
+        if best is None or posterior.log_evidence > best.log_evidence:
+            best, root = posterior, tried
+    assert best is not None
+    count = len(knots)
+    half = root @ best.mean[-count:]
+    std = np.sqrt(np.diag(root @ best.covariance[-count:, -count:] @ root.T))
+    gain, values = best.log_evidence - none, np.array(table.values)
+    has_memory = gain > EVIDENCE and float(np.mean(np.abs(half) > 2.0 * std)) >= APART
+    return MemoryTest(values + half, values - half, 2.0 * std, gain, has_memory)
+
+
+def _responses(found: ModelSelectionResult, supposed: Supposed, table: LawTable, size: float) -> Floats:
+    """What a unit of g at each knot does to all rows, (m, k)."""
+    rows, count = found.evidence.rows, len(table.knots)
+    jobs = [(number, part, knot) for number, part in enumerate(found.evidence.parts) for knot in range(count)]
+    of_strokes = {
+        number: _Stroke.of(part, supposed, table) for number, part in enumerate(found.evidence.parts) if isinstance(part, FlapCondition)
+    }
+
+    def response(job: tuple[int, Any, int]) -> Floats | None:
+        number, part, knot = job
+        if number in of_strokes:
+            return of_strokes[number].response(knot, size)
+        return _of_stretch(part, supposed, table, knot, size) if isinstance(part, Stretch) else None
+
+    responses = np.zeros((len(rows.measured), count))
+    with ThreadPoolExecutor(THREADS) as pool:
+        for (number, _, knot), change in zip(jobs, pool.map(response, jobs), strict=True):
+            if change is not None:
+                responses[rows.condition == number, knot] = change
+    return responses
+
+
+def _of_stages(found: ModelSelectionResult, table: LawTable, slopes: Floats) -> Floats:
+    """The same at static stages, where a bend grows while loading; no rate is left there."""
+    rows = found.evidence.rows
+    turn = np.where(rows.experiment == "static", np.where(rows.phase == "loading", 1.0, -1.0), 0.0)
+    grows = np.sign(table.knots) if table.argument in BENDING else np.zeros(len(table.knots))
+    return np.asarray(turn[:, None] * slopes * grows)
+
+
+def _branch(course: Course, table: LawTable, knot: int) -> Floats:
+    """One knot's share of g times the direction, over time, (m, k)."""
+    share = np.interp(course.values, table.knots, np.eye(len(table.knots))[knot])
+    rate = np.gradient(course.values, course.t_s, axis=0)
+    return np.asarray(share * np.tanh(rate / (TURNING * np.abs(rate).max() + 1e-12)) * course.counts)
+
+
+@dataclass(frozen=True)
+class _Stroke:
+    """One condition with the law in it: how it moves, and the argument over it."""
+
+    here: NominalCondition
+    table: LawTable
+    course: Course
+
+    @classmethod
+    def of(cls, flap: FlapCondition, supposed: Supposed, table: LawTable) -> "_Stroke":
+        stroke = flap.stroke(supposed)
+        here = NominalCondition(flap, supposed, stroke, bumps_of(flap), np.empty(0))
+        return cls(here, table, course_of_stroke(flap, supposed, table.place, table.argument))
+
+    def response(self, knot: int, size: float) -> Floats:
+        """The change of the rows per unit of the knot."""
+        here, place, branch = self.here, self.table.place, _branch(self.course, self.table, knot)
+        if place.startswith("hinge"):
+            links = range(1, here.stroke.q_rad.shape[1])
+            only = list(links) if place == "hinges" else [int(place.removeprefix("hinge")) - 1]
+            return self._changed(branch, only, size)
+        if not place.startswith("floor"):
+            return here.rows_of({place: branch[:, 0]})
+        down = place == "floor_normal"
+        force = -branch[:, 0] if down else branch[:, 0] * self._friction_per_share()
+        return self._pulled(force, down, size)
+
+    def _friction_per_share(self) -> Floats:
+        share = 1.0 + np.interp(self.course.values[:, 0], self.table.knots, self.table.values)
+        return np.asarray(self.here.stroke.tangential_N[:, -1] / np.maximum(share, 0.1))
+
+    def _pulled(self, force: Floats, down: bool, size: float) -> Floats:
+        """A force on the tip, downwards or along +y: by the torques that it has about the hinges, and its own part at the mount."""
+        here = self.here
+        arms = arms_of(here, of_tip(here.stroke), down)
+        torque, nothing = -force * arms[:, 0], np.zeros_like(force)
+        fy, fz = (nothing, force) if down else (-force, nothing)
+        own = here.rows_of({"fy_N": fy, "fz_N": fz, "tx_Nm": torque + here.supposed.rig.sensor.below_shaft_m * fy})
+        levers = -force[:, None] * arms[:, 1:]
+        return own + self._changed(levers, list(range(1, arms.shape[1])), size)
+
+    def _changed(self, torque: Floats, only: Sequence[int], size: float) -> Floats:
+        """By torques (m, k) over time that resist the hinges `only`, per unit; a stroke that has no answer shows nothing."""
+        here, largest = self.here, float(np.abs(torque).max())
+        if largest == 0.0:
+            return here.rows_of({})
+        scale = TRIED * size / largest
+        changes = tuple(course_in_hinge(here.flap.t_s, scale * column, hinge) for column, hinge in zip(torque.T, only, strict=True))
+        try:
+            stroke = forced_stroke(here.flap, here.supposed, changes)
+        except SimulationFailed:
+            return here.rows_of({})
+        return here.change_to(stroke, scale)
+
+
+BEGINS, STEP, COUNT = range(3)
+
+
+def follow(  # a law takes what its place offers, needed or not
+    phi: float,  # noqa: ARG001
+    rate: float,  # noqa: ARG001
+    elapsed: float,
+    k0: float,  # noqa: ARG001
+    k2: float,  # noqa: ARG001
+    memory: Any,
+    parameter: Any,
+) -> tuple[float, float, float]:
+    t = parameter[BEGINS] + memory[0] + (elapsed if elapsed < AT_REST_S else 0.0)
+    last = int(parameter[COUNT]) - 1
+    x = min(max(t / parameter[STEP], 0.0), float(last))
+    i = min(int(x), last - 1)
+    before, after = parameter[TABLE + i], parameter[TABLE + i + 1]
+    return before + (x - i) * (after - before), 0.0, 0.0
+
+
+def tick(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> None:  # noqa: ARG001
+    memory[0] += elapsed if elapsed < AT_REST_S else 0.0
+
+
+def course_in_hinge(t_s: Floats, torque_Nm: Floats, hinge: int) -> Change:
+    """A torque over time (m,) that resists the turn of a hinge, from 1."""
+    begin_s = float(t_s[0])
+    even = np.arange(begin_s, float(t_s[-1]) + STEP_S, STEP_S)
+    values = tuple(float(value) for value in np.interp(even, t_s, torque_Nm))
+
+    def change(setup: Setup) -> Setup:
+        row = (setup.begins_s - begin_s, STEP_S, float(len(values)))
+        return with_law(setup, LawUse(HINGE, follow, row, tick, hinge, values))
+
+    return change
+
+
+def _of_stretch(stretch: Stretch, supposed: Supposed, table: LawTable, knot: int, size: float) -> Floats:
+    """The same of a pendulum: a torque over time is a part of that which drives it, against the sign of one that resists."""
+    ready = driven(shifted(stretch.pendulum, dict(of_pendulum(supposed).off)), supposed.rig.effects)
+    joints = range(len(stretch.pendulum.links)) if table.place == "joints" else [int(table.place.removeprefix("joint")) - 1]
+    changes = []
+    for started, course in zip(stretch.windows, course_of_stretch(stretch, supposed, table.place, table.argument), strict=True):
+        branch, trace = _branch(course, table, knot), started.window.trace
+        torque = trace.torque_Nm.copy()
+        at_s = trace.step_s * np.arange(len(torque))
+        for joint, column in zip(joints, branch.T, strict=True):
+            torque[:, joint] -= TRIED * size * np.interp(at_s, course.t_s, column)
+        moved = replace(started, window=replace(started.window, trace=replace(trace, torque_Nm=torque)))
+        changes.append((moved.predicted(ready) - started.predicted(ready)).ravel() / (TRIED * size))
+    return np.concatenate(changes)

@@ -1,0 +1,29 @@
+"""What is known of a law before the data: it is smooth, and of a plausible size.
+
+With second differences D over k knots and Q = D^T D / rho^2 + 1 / k, the covariance of its values is size^2 Q^-1: rho 0.03 is a straight
+line, rho 1 any course.
+
+References: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), chapter 5; Lang and Brezger, J. Comput. Graph. Statist.
+13 (2004) 183 (random-walk priors for the coefficients of splines).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+SIZES = (0.1, 0.3, 1.0, 3.0, 10.0)  # of a plausible value; a decade either way of what a rig may have
+ROUGHNESS = (0.03, 0.1, 0.3, 1.0)
+NONE = 1e-3  # of a law's size: nothing, where it is known to be none
+
+
+def root_of(knots: Floats, size: float, roughness: float, zero_at_zero: bool = False) -> Floats:
+    """A root (k, k) of the covariance of the values at the knots, its columns from the least free to the most.
+
+    With `zero_at_zero` the law is known to be nothing at a knot that is 0.
+    """
+    count = len(knots)
+    bend = np.diff(np.eye(count), 2, axis=0) / roughness
+    known = np.diag((np.abs(knots) < 1e-9) / NONE**2) if zero_at_zero else np.zeros((count, count))
+    values, vectors = np.linalg.eigh(bend.T @ bend + np.eye(count) / count + known)
+    return np.asarray(size * vectors / np.sqrt(values))

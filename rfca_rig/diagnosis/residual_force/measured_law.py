@@ -1,0 +1,354 @@
+"""The residual force at a place as a function of one argument, with a band: what no formula of the catalogue need contain.
+
+The law is straight between values at knots. It acts in the simulator itself, beside the base hypothesis, so that the motion answers to it;
+the response of the observations to each value is found by differences there, and renewed where the fit moves to. The values have the smooth
+Gaussian prior of `law_prior`, its size and roughness those of the greatest evidence over a grid. All nuisance parameters stay free, and
+the covariance of the data has the discrepancy in it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.inference.forward_selection import ids_of, without
+from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
+from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm
+from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities, loo_residuals, products_without
+from rfca_rig.diagnosis.likelihood.laplace import Linear
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import STRAINED
+from rfca_rig.diagnosis.residual_force.law_arguments import (
+    PLAUSIBLE,
+    ZERO_AT_ZERO,
+    arguments_at,
+    courses,
+    knots_over,
+    own_law,
+    visited_range,
+    with_own,
+)
+from rfca_rig.diagnosis.residual_force.law_memory import MemoryTest, detect_memory
+from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, root_of
+from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.effect import Parameter
+from rfca_rig.model.parameters import LawTable, PresentEffect
+from rfca_rig.model.tabulated_law import TABULATED_LAW, effect_of_table, kind_of
+
+Floats = NDArray[np.float64]
+
+FIRST_SIZE, FIRST_ROUGHNESS = 1.0, 0.3  # of the first linearisation; the grid is gone through with its slopes
+CONVERGE = 1  # times that all slopes are found anew at the end
+LEVELS, ROUNDS = 2, 4  # steps of each of the two fits; a friction law changes the motion that it depends on
+STEP = 1e-4  # of a prior deviation: for what the base law of the model does with its nuisances, which is smooth
+
+
+@dataclass(frozen=True)
+class MeasuredLaw:
+    """A law as the recordings have it, beside the hypothesis `base`.
+
+    Parameters
+    ----------
+    place, argument
+        Where it acts and on what it depends, as in `rfca_rig.model.tabulated_law`.
+    argument_unit, unit
+        Of `knots` and of `values`; "" for a share of the friction coefficient.
+    knots, values, std : (k,)
+        The residual law with one standard deviation at each knot.
+    whole, whole_std : (k,) or None
+        The same with what the model has there already, as the damping of a hinge; None where it has nothing. The data tell this better
+        than how it is divided between both.
+    visited
+        Least and greatest value of the argument in the recordings, but for a thousandth of the time at either end.
+    explained
+        Share of the misfit on held-out conditions that the law takes away from what `base` leaves there.
+    log_density_gain
+        Log predictive density of all conditions, each held out in turn, above that of `base`.
+    log_evidence_gain
+        Log evidence above that of `base`.
+    hypothesis
+        The base with the law in it, fitted.
+    memory
+        Whether the force differs between a rising and a falling argument; None where that was not tested.
+    """
+
+    place: str
+    argument: str
+    argument_unit: str
+    unit: str
+    knots: Floats
+    values: Floats
+    std: Floats
+    whole: Floats | None
+    whole_std: Floats | None
+    visited: tuple[float, float]
+    explained: float
+    log_density_gain: float
+    log_evidence_gain: float
+    base: tuple[str, ...]
+    hypothesis: Hypothesis = field(repr=False, compare=False)
+    memory: MemoryTest | None = None
+
+    @property
+    def present(self) -> PresentEffect:
+        """The law as an effect of the model."""
+        return PresentEffect(TABULATED_LAW, table=LawTable(self.place, self.argument, tuple(map(float, self.knots)), self._possible))
+
+    @property
+    def _possible(self) -> tuple[float, ...]:
+        """Friction cannot be less than none."""
+        least = -1.0 if self.place == "floor_friction" else -np.inf
+        return tuple(max(float(value), least) for value in self.values)
+
+
+@dataclass(frozen=True)
+class TableTerm(EffectTerm):
+    """A tabulated law as a hypothesis has it: `root` (k rows of k) times its standard normal coordinates are the values."""
+
+    place: str = ""
+    argument: str = ""
+    knots: tuple[float, ...] = ()
+    root: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def free(self) -> tuple[Parameter, ...]:
+        """One coordinate per knot; a normal parameter from -2 to 2 has itself as coordinate."""
+        return tuple(Parameter(f"coordinate{number}", -2.0, 2.0) for number in range(1, len(self.knots) + 1))
+
+    def values(self, z: Floats) -> Floats:
+        """The values at the knots, (k,)."""
+        return np.asarray(np.array(self.root) @ z)
+
+    def present(self, z: Floats) -> PresentEffect:
+        """The law at these coordinates."""
+        table = LawTable(self.place, self.argument, self.knots, tuple(float(value) for value in self.values(z)))
+        return PresentEffect(TABULATED_LAW, table=table)
+
+
+def measure_law(found: ModelSelectionResult, place: str, base: Hypothesis, arguments: Sequence[str] = ()) -> MeasuredLaw:
+    """The law at a place for the argument that predicts held-out conditions best.
+
+    Parameters
+    ----------
+    found
+        What a search left: its data, covariance and hypotheses.
+    place
+        As in `rfca_rig.model.tabulated_law`.
+    base
+        The hypothesis that the law is put beside, usually `found.nothing`.
+    arguments
+        Those to choose from; without any, all that make sense at the place.
+
+    Raises
+    ------
+    BadInput
+        For a place or an argument that is not known, and where no recording moves.
+    SimulationFailed
+        Where the model has no answer with any law there.
+    """
+    laws = [law for argument in arguments or arguments_at(place) if (law := fit_law(found, place, argument, base)) is not None]
+    if not laws:
+        raise SimulationFailed(f"the model cannot be computed with a tabulated law at {place}; look at the base hypothesis first")
+    best = max(laws, key=lambda law: law.log_density_gain)
+    return with_memory_test(found, best)
+
+
+def with_memory_test(found: ModelSelectionResult, law: MeasuredLaw) -> MeasuredLaw:
+    """The law with the answer whether it has memory. Raises SimulationFailed where the model has no answer."""
+    fitted, table = law.hypothesis.fitted, law.present.table
+    assert table is not None
+    linear, supposed = fitted.linear(found.evidence.rows.measured), fitted.coordinates.supposed(fitted.x)
+    term, part = _term_of(fitted)
+    slopes = fitted.jacobian[:, part] @ np.linalg.inv(np.array(term.root))
+    return replace(law, memory=detect_memory(found, linear, supposed, table, slopes))
+
+
+def base_without(found: ModelSelectionResult, hypothesis: Hypothesis, effect: str) -> Hypothesis:
+    """The hypothesis less one of its effects, fitted again: the base of a law that takes the effect's place.
+
+    Raises BadInput where it has no such effect, SimulationFailed where the model has no answer.
+    """
+    if effect not in hypothesis.ids:
+        raise BadInput(f"effect {effect}: is not in the hypothesis, which has {', '.join(hypothesis.ids) or 'none'}")
+    descent = GaussNewton(found.evidence, found.judge)
+    rest = without(descent, hypothesis.fitted, hypothesis.ids.index(effect))
+    if rest is None:
+        raise SimulationFailed(f"the model has no answer without {effect}")
+    return _hypothesis(descent, descent.converge(descent.refine(rest)))
+
+
+def fit_law(found: ModelSelectionResult, place: str, argument: str, base: Hypothesis) -> MeasuredLaw | None:
+    """The law of one argument; None where the argument hardly changes, or where the model has no answer."""
+    kind, descent = kind_of(place, argument), GaussNewton(found.evidence, found.judge)
+    supposed = base.fitted.coordinates.supposed(base.fitted.x)
+    visited = visited_range(courses(found.evidence, supposed, place, argument))
+    if visited[1] - visited[0] < 1e-9:
+        return None
+    knots = knots_over(visited, argument)
+    first = _term(place, argument, knots, PLAUSIBLE[kind.unit] * FIRST_SIZE, FIRST_ROUGHNESS)
+    coordinates = base.fitted.coordinates.with_terms((*base.fitted.coordinates.choices, first))
+    fits = []
+    for x in _starts(base.fitted):
+        start = descent.at(coordinates, np.append(x, np.zeros(len(knots))))
+        if start is not None:
+            here = _with_likeliest_prior(descent, descent.refine(start, LEVELS, ROUNDS), PLAUSIBLE[kind.unit])
+            fits.append(descent.refine(here, LEVELS, ROUNDS))
+    if not fits:
+        return None
+    best = descent.converge(max(fits, key=descent.log_evidence), CONVERGE)
+    return _measured(found, base, _hypothesis(descent, best), visited)
+
+
+def _starts(base: MapFit) -> list[Floats]:
+    """The base as it fits best, and where its nuisances had to go far, as they were before: what is missing may have drawn them there."""
+    return [base.x] if base.farthest < STRAINED else [base.x, base.as_believed]
+
+
+def _term(place: str, argument: str, knots: Floats, size: float, roughness: float) -> TableTerm:
+    """The term with the prior of this size and roughness."""
+    table = LawTable(place, argument, tuple(map(float, knots)), (0.0,) * len(knots))
+    rows = tuple(tuple(map(float, row)) for row in root_of(knots, size, roughness, argument in ZERO_AT_ZERO))
+    return TableTerm(effect_of_table(table), (), place, argument, table.knots, rows)
+
+
+def _with_likeliest_prior(descent: GaussNewton, here: MapFit, plausible: float) -> MapFit:
+    """The fit at the same place with the size and roughness of the greatest evidence, by the slopes that it has."""
+    term, part = _term_of(here)
+    root = np.array(term.root)
+    knots, law, slopes = np.array(term.knots), root @ here.x[part], here.jacobian[:, part] @ np.linalg.inv(root)
+    target = here.linear(descent.evidence.rows.measured).target
+    best, most = here, -np.inf
+    for size, roughness in product(SIZES, ROUGHNESS):
+        other = _term(term.place, term.argument, knots, size * plausible, roughness)
+        jacobian = np.column_stack([here.jacobian[:, : part.start], slopes @ np.array(other.root)])
+        log_evidence = descent.judge.evaluate(Linear(target, jacobian)).log_evidence
+        if log_evidence > most:
+            coordinates = here.coordinates.with_terms((*here.coordinates.choices[:-1], other))
+            x = np.append(here.x[: part.start], np.linalg.solve(np.array(other.root), law))
+            size_of = np.linalg.norm(descent.judge.usual(jacobian), axis=0)
+            best, most = replace(here, coordinates=coordinates, x=x, jacobian=jacobian, size=size_of), log_evidence
+    return best
+
+
+def _term_of(fitted: MapFit) -> tuple[TableTerm, slice]:
+    """The tabulated law of a fit, its last term, and where its coordinates stand."""
+    term = fitted.coordinates.choices[-1]
+    assert isinstance(term, TableTerm)
+    return term, fitted.coordinates.part(len(fitted.coordinates.choices) - 1)
+
+
+def _hypothesis(descent: GaussNewton, fitted: MapFit) -> Hypothesis:
+    return Hypothesis(ids_of(fitted), fitted, descent.evaluate(fitted), 0.0)
+
+
+def _measured(found: ModelSelectionResult, base: Hypothesis, law: Hypothesis, visited: tuple[float, float]) -> MeasuredLaw:
+    (term, part), posterior = _term_of(law.fitted), law.judgement.posterior
+    kind = kind_of(term.place, term.argument)
+    values, knots = term.values(posterior.mean[part]), np.array(term.knots)
+    covariances = (_covariance(found, law), _jackknife_covariance(found, law))
+    whole = _whole(found, law, covariances)
+    before, after = (_held_out_misfit(found, each) for each in (base, law))
+    densities = [_held_out_log_density(found, each) for each in (base, law)]
+    return MeasuredLaw(
+        place=term.place,
+        argument=term.argument,
+        argument_unit=kind.argument_unit,
+        unit=kind.unit,
+        knots=knots,
+        values=values,
+        std=_widest([each[part, part] for each in covariances]),
+        whole=None if whole is None else whole[0],
+        whole_std=None if whole is None else whole[1],
+        visited=visited,
+        explained=1.0 - after / before,
+        log_density_gain=densities[1] - densities[0],
+        log_evidence_gain=law.judgement.log_evidence - base.judgement.log_evidence,
+        base=base.ids,
+        hypothesis=law,
+    )
+
+
+def _widest(covariances: Sequence[Floats]) -> Floats:
+    """The larger standard deviation at each knot: a posterior trusts its covariance, and where conditions disagree it is too sure."""
+    return np.asarray(np.sqrt(np.max([np.diag(each) for each in covariances], axis=0)))
+
+
+def _to_values(size: int, part: slice, root: Floats) -> Floats:
+    """The matrix that turns the coordinates of a law into its values, and leaves the other unknowns alone."""
+    turn = np.eye(size)
+    turn[part, part] = root
+    return turn
+
+
+def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
+    """Of nuisances and values about the estimate, over all sizes and degrees of roughness of the prior as far as the evidence has them."""
+    term, part = _term_of(law.fitted)
+    linear, root = law.fitted.linear(found.evidence.rows.measured), np.array(term.root)
+    plausible, knots = PLAUSIBLE[kind_of(term.place, term.argument).unit], np.array(term.knots)
+    slopes = linear.jacobian[:, part] @ np.linalg.inv(root)
+    estimate = _to_values(len(law.fitted.x), part, root) @ law.judgement.posterior.mean
+    logs, moments = [], []
+    for size, roughness in product(SIZES, ROUGHNESS):
+        other = root_of(knots, size * plausible, roughness, term.argument in ZERO_AT_ZERO)
+        judged = found.judge.evaluate(Linear(linear.target, np.column_stack([linear.jacobian[:, : part.start], slopes @ other])))
+        turn = _to_values(len(estimate), part, other)
+        off = turn @ judged.posterior.mean - estimate
+        logs.append(judged.log_evidence)
+        moments.append(turn @ judged.posterior.covariance @ turn.T + np.outer(off, off))
+    weights = np.exp(np.array(logs) - max(logs))
+    return np.asarray(np.einsum("h,hij->ij", weights / weights.sum(), np.array(moments)))
+
+
+def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
+    """The same from how the estimate moves when each condition in turn is taken out (Efron, SIAM 1982)."""
+    rows, whitening = found.evidence.rows, law.judgement.whitening
+    linear, out = law.fitted.linear(rows.measured), _held_out_conditions(found)
+    both = np.column_stack([linear.jacobian, linear.target])
+    weighed, unit = whitening.weighted(both), np.eye(linear.jacobian.shape[1])
+    estimates = []
+    for number in out:
+        products, _ = products_without(both, weighed, whitening, rows.condition == number)
+        estimates.append(np.linalg.solve(products[:-1, :-1] + unit, products[:-1, -1]))
+    term, part = _term_of(law.fitted)
+    turned = np.array(estimates) @ _to_values(linear.jacobian.shape[1], part, np.array(term.root)).T
+    apart = turned - np.mean(turned, axis=0)
+    return np.asarray((len(out) - 1.0) / len(out) * apart.T @ apart)
+
+
+def _whole(found: ModelSelectionResult, law: Hypothesis, covariances: Sequence[Floats]) -> tuple[Floats, Floats] | None:
+    """The law with what the model has there already, and its standard deviations: both move with the nuisances."""
+    coordinates, posterior = law.fitted.coordinates, law.judgement.posterior
+    term, part = _term_of(law.fitted)
+
+    def at(x: Floats) -> Floats | None:
+        own = own_law(found.evidence, coordinates.supposed(x), term.place, term.argument, np.array(term.knots))
+        return None if own is None else with_own(term.place, own, x[part])
+
+    estimate = _to_values(coordinates.size, part, np.array(term.root)) @ posterior.mean
+    here = at(estimate)
+    if here is None:
+        return None
+    moved = [at(estimate + STEP * unit) for unit in np.eye(coordinates.size)]
+    jacobian = np.column_stack([(there - here) / STEP for there in moved if there is not None])
+    return here, _widest([jacobian @ each @ jacobian.T for each in covariances])
+
+
+def _held_out_conditions(found: ModelSelectionResult) -> list[int]:
+    """Those that move; a static table is always among the others."""
+    rows = found.evidence.rows
+    return sorted({int(number) for number in rows.condition[rows.experiment != "static"]})
+
+
+def _held_out_misfit(found: ModelSelectionResult, hypothesis: Hypothesis) -> float:
+    """Sum of squares over what noise and the usual model error leave to be expected, each condition predicted from the others."""
+    rows, out = found.evidence.rows, _held_out_conditions(found)
+    residual = loo_residuals(hypothesis.fitted.linear(rows.measured), found.judge.usual, rows.condition, out)
+    return float((residual**2 / found.judge.usual.variance()).sum())
+
+
+def _held_out_log_density(found: ModelSelectionResult, hypothesis: Hypothesis) -> float:
+    """Of all conditions, each predicted from the others, at the discrepancy that this hypothesis has."""
+    rows, linear = found.evidence.rows, hypothesis.fitted.linear(found.evidence.rows.measured)
+    return float(loo_log_densities(linear, found.judge.level(linear), rows.condition, _held_out_conditions(found)).sum())

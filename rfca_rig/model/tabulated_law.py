@@ -1,0 +1,206 @@
+"""A law given by its values: what a measurement found, put into the simulator without a formula for it.
+
+Between its knots it is straight, beyond them constant. Where it acts (`place`), what it depends on (`argument`), and its unit:
+
+    place                argument            value
+    hinges, hinge2 ...   rate_rad_s          N m that resist the turn
+                         angle_rad           N m that resist the angle, beside the spring
+                         spring_torque_Nm    N m of friction against the turn, by the magnitude of the spring's torque
+    joints, joint1 ...   rate_rad_s, angle_rad, as in a hinge; for pendulums
+    floor_friction       slip_m_s, load_N    share by which the friction coefficient is larger, 0 for as large as it is
+    floor_normal         depth_m             N that the floor pushes more
+    fy_N, fz_N, tx_Nm    reading_N or reading_Nm, time_s, shaft_angle_rad: N or N m that this channel of the sensor reads more
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.errors import BadInput
+from rfca_rig.model.effect import Effect, Values
+from rfca_rig.model.laws import HINGE, LOAD, NORMAL, SLIP, TABLE, Law, LawUse
+from rfca_rig.model.parameters import LawTable
+
+if TYPE_CHECKING:
+    from rfca_rig.model.setup import Felt, Setup
+
+Floats = NDArray[np.float64]
+
+TABULATED_LAW = "tabulated_law"
+FEWEST_KNOTS, MOST_KNOTS = 2, 200  # the compiled law looks them up one by one
+SURE_OF_SIGN_RAD_S = 0.05  # the sign of a rate fades below, or no step of the integrator would converge
+REACH_M = 5e-5  # depth over which a normal force takes hold, so that it does not jump where the tip touches
+
+
+def interpolate(x: float, parameter: Any) -> tuple[float, float]:
+    """Value and slope at x of the table behind the parameters; the first parameter is its number of knots."""
+    n = int(parameter[0])
+    if x <= parameter[TABLE]:
+        return parameter[TABLE + n], 0.0
+    if x >= parameter[TABLE + n - 1]:
+        return parameter[TABLE + 2 * n - 1], 0.0
+    i = TABLE
+    while x > parameter[i + 1]:
+        i += 1
+    slope = (parameter[i + n + 1] - parameter[i + n]) / (parameter[i + 1] - parameter[i])
+    return parameter[i + n] + slope * (x - parameter[i]), slope
+
+
+interpolate = numba.njit(interpolate, error_model="numpy")
+
+
+# a law takes what its place offers, needed or not
+def by_rate(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> tuple[float, float, float]:  # noqa: ARG001
+    value, slope = interpolate(rate, parameter)
+    return value, 0.0, slope
+
+
+def by_angle(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> tuple[float, float, float]:  # noqa: ARG001
+    value, slope = interpolate(phi, parameter)
+    return value, slope, 0.0
+
+
+def by_spring_torque(
+    phi: float,
+    rate: float,
+    elapsed: float,  # noqa: ARG001
+    k0: float,
+    k2: float,
+    memory: Any,  # noqa: ARG001
+    parameter: Any,
+) -> tuple[float, float, float]:
+    side = 1.0 if phi >= 0.0 else -1.0
+    friction, slope = interpolate(side * k0 * phi * (1.0 + k2 * phi * phi), parameter)
+    sign = np.tanh(rate / SURE_OF_SIGN_RAD_S)
+    by_phi = slope * side * k0 * (1.0 + 3.0 * k2 * phi * phi) * sign
+    return friction * sign, by_phi, friction * (1.0 - sign * sign) / SURE_OF_SIGN_RAD_S
+
+
+def friction_factor(x: float, memory: Any, parameter: Any) -> tuple[float, float]:  # noqa: ARG001
+    more, slope = interpolate(x, parameter)
+    if more <= -1.0:
+        return 0.0, 0.0
+    return 1.0 + more, slope
+
+
+def by_depth(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[float, float, float]:  # noqa: ARG001
+    more, slope = interpolate(depth, parameter)
+    left = np.exp(-depth / REACH_M)
+    return more * (1.0 - left), slope * (1.0 - left) + more * left / REACH_M, 0.0
+
+
+@dataclass(frozen=True)
+class LawKind:
+    """One line of the table above: `where` as in an effect, units of argument and value ("" for none), and what it changes in a setup."""
+
+    where: str
+    argument_unit: str
+    unit: str
+    apply: "Callable[[Setup, LawTable], Setup]"
+
+
+def kind_of(place: str, argument: str) -> LawKind:
+    """What a law at this place with this argument is. Raises BadInput for a place or an argument that is not in the table above."""
+    family = next((name for name in ("hinge", "joint") if _is_one_of(name, place)), place)
+    known = _KINDS.get(family)
+    if known is None:
+        places = "hinges, hinge2 and on, joints, joint1 and on, floor_friction, floor_normal, fy_N, fz_N, tx_Nm"
+        raise BadInput(f"{TABULATED_LAW}: place {place!r} is not known; there are {places}")
+    if argument not in known:
+        raise BadInput(f"{TABULATED_LAW}: at {place} a law cannot depend on {argument!r}; it can on {', '.join(known)}")
+    return known[argument]
+
+
+def check_table(table: LawTable) -> LawKind:
+    """The kind of a table that can be simulated. Raises BadInput, in one line, for any other."""
+    kind, of = kind_of(table.place, table.argument), f"{TABULATED_LAW} of {table.argument} at {table.place}"
+    if len(table.knots) != len(table.values):
+        raise BadInput(f"{of}: {len(table.knots)} knots, but {len(table.values)} values; give one value per knot")
+    if not FEWEST_KNOTS <= len(table.knots) <= MOST_KNOTS:
+        raise BadInput(f"{of}: {len(table.knots)} knots; give {FEWEST_KNOTS} to {MOST_KNOTS}")
+    if not np.isfinite((*table.knots, *table.values)).all():
+        raise BadInput(f"{of}: a knot or value is no finite number")
+    steps = np.diff(table.knots)
+    if (steps <= 0.0).any():
+        i = int(np.argmax(steps <= 0.0))
+        raise BadInput(f"{of}: knot {i + 2} ({table.knots[i + 1]:g}) is not above the one before ({table.knots[i]:g}); sort them")
+    if table.place == "floor_friction" and min(table.values) < -1.0:
+        raise BadInput(f"{of}: value {min(table.values):g} would turn friction round; -1 takes it away, give no less")
+    return kind
+
+
+def effect_of_table(table: LawTable | None) -> Effect:
+    """The effect that simulates the table. Raises BadInput where there is none, or none that can be simulated."""
+    if table is None:
+        raise BadInput(f"effect {TABULATED_LAW}: takes place, argument, knots and values, was given none of them")
+    kind = check_table(table)
+
+    def apply(setup: "Setup", values: Values) -> "Setup":  # noqa: ARG001
+        return kind.apply(setup, table)
+
+    return Effect(TABULATED_LAW, kind.where, f"a law of {table.argument} at {table.place}", "tabulated", "measured", (), apply)
+
+
+def _is_one_of(name: str, place: str) -> bool:
+    return place == f"{name}s" or (place.startswith(name) and place.removeprefix(name).isdecimal())
+
+
+def _use(place: int, law: Law, table: LawTable, only: int = -1) -> LawUse:
+    return LawUse(place, law, (float(len(table.knots)),), None, only, (*table.knots, *table.values))
+
+
+def _in_hinges(law: Law, first: int, setup: "Setup", table: LawTable) -> "Setup":
+    """`first` is the number of the first hinge as people count them: 2 behind the shaft of a leg, 1 for a pendulum's joint."""
+    number, last = table.place.lstrip("hingejot"), len(setup.rig.leg.link_lengths_m) - 2 + first
+    if number.isdecimal() and not first <= int(number) <= last:
+        raise BadInput(f"{TABULATED_LAW}: {table.place} is not there; this rig has {first} to {last}")
+    only = int(number) - first + 1 if number.isdecimal() else -1
+    return replace(setup, laws=(*setup.laws, _use(HINGE, law, table, only)))
+
+
+def _at_floor(place: int, law: Law, setup: "Setup", table: LawTable) -> "Setup":
+    return replace(setup, laws=(*setup.laws, _use(place, law, table)))
+
+
+def _read(argument: "Callable[[Felt, str], Floats]", setup: "Setup", table: LawTable) -> "Setup":
+    def change(felt: "Felt") -> "Felt":
+        more = np.interp(argument(felt, table.place), table.knots, table.values)
+        channels: dict[str, Floats] = {table.place: getattr(felt, table.place) + more}
+        return replace(felt, **channels)
+
+    return replace(setup, sensor_changes=(*setup.sensor_changes, change))
+
+
+def _hinge(first: int, argument_unit: str, law: Law) -> LawKind:
+    return LawKind("hinges" if first > 1 else "pendulum-like rigs", argument_unit, "N m", partial(_in_hinges, law, first))
+
+
+def _channel(unit: str) -> dict[str, LawKind]:
+    return {
+        f"reading_{unit.replace(' ', '')}": LawKind("sensor", unit, unit, partial(_read, getattr)),
+        "time_s": LawKind("sensor", "s", unit, partial(_read, lambda felt, _: felt.t_s)),
+        "shaft_angle_rad": LawKind("sensor", "rad", unit, partial(_read, lambda felt, _: felt.shaft_rad)),
+    }
+
+
+_KINDS: dict[str, dict[str, LawKind]] = {
+    "hinge": {
+        "rate_rad_s": _hinge(2, "rad/s", by_rate),
+        "angle_rad": _hinge(2, "rad", by_angle),
+        "spring_torque_Nm": _hinge(2, "N m", by_spring_torque),
+    },
+    "joint": {"rate_rad_s": _hinge(1, "rad/s", by_rate), "angle_rad": _hinge(1, "rad", by_angle)},
+    "floor_friction": {
+        "slip_m_s": LawKind("ground", "m/s", "", partial(_at_floor, SLIP, friction_factor)),
+        "load_N": LawKind("ground", "N", "", partial(_at_floor, LOAD, friction_factor)),
+    },
+    "floor_normal": {"depth_m": LawKind("ground", "m", "N", partial(_at_floor, NORMAL, by_depth))},
+    "fy_N": _channel("N"),
+    "fz_N": _channel("N"),
+    "tx_Nm": _channel("N m"),
+}

@@ -1,0 +1,70 @@
+"""A measured law with its band, and what the catalogue says beside it: one small picture."""
+
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.residual_force.measured_law import MeasuredLaw
+from rfca_rig.report.inline_svg import inline_svg
+from rfca_rig.report.look import ALIKE, FAINT, MEASURED, OTHER, SMALL, drawing
+
+Floats = NDArray[np.float64]
+
+WIDTH_IN, HEIGHT_IN = 4.4, 2.5
+BAND = 2.0  # standard deviations
+DASHES = (0, (3.2, 1.8))
+WORDS = {
+    "rate_rad_s": "rate of the hinge",
+    "angle_rad": "angle of the hinge",
+    "spring_torque_Nm": "torque of the spring",
+    "slip_m_s": "sliding speed of the tip",
+    "load_N": "load on the tip",
+    "depth_m": "depth of the tip in the floor",
+    "time_s": "time",
+    "shaft_angle_rad": "angle of the shaft",
+}
+
+
+@dataclass(frozen=True)
+class CatalogueCurve:
+    """An effect of the catalogue at the fitted values: `name` in words, `values` (k,) at `argument` (k,), in the law's unit."""
+
+    name: str
+    argument: Floats
+    values: Floats
+
+
+def measured_law_picture(law: MeasuredLaw, catalogue_curve: CatalogueCurve | None) -> str:
+    """The residual law, its band of two standard deviations, the catalogue's law, and both branches where it has memory, as inline SVG."""
+    with drawing():
+        figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), layout="constrained")
+        axes = figure.subplots()
+        _draw(axes, law, catalogue_curve)
+        label = f"measured law of {_words(law)} at {law.place} with its band"
+        if catalogue_curve is not None:
+            label += f", and {catalogue_curve.name} of the catalogue"
+        return inline_svg(figure, f"measured law {law.place} {law.argument}", escape(label, quote=True))
+
+
+def _draw(axes: Axes, law: MeasuredLaw, curve: CatalogueCurve | None) -> None:
+    axes.axhline(0.0, color=FAINT, lw=0.5)
+    low, high = law.values - BAND * law.std, law.values + BAND * law.std
+    axes.fill_between(law.knots, low, high, color=ALIKE, alpha=0.55, lw=0.0, label=f"±{BAND:g} standard deviations")
+    if law.memory is not None and law.memory.has_memory:
+        axes.plot(law.knots, law.memory.rising, color=MEASURED, lw=0.8, ls=":", label="while it rises, while it falls")
+        axes.plot(law.knots, law.memory.falling, color=MEASURED, lw=0.8, ls=":")
+    if curve is not None:
+        axes.plot(curve.argument, curve.values, color=OTHER, lw=1.3, ls=DASHES, label=curve.name)
+    axes.plot(law.knots, law.values, color=MEASURED, lw=1.2, marker="o", ms=2.6, label="measured")
+    axes.set_xlabel(f"{_words(law)} ({law.argument_unit})")
+    axes.set_ylabel(f"residual ({law.unit})" if law.unit else "change of the friction (share)")
+    axes.set_xlim(law.visited)
+    axes.legend(frameon=False, fontsize=SMALL, loc="best")
+
+
+def _words(law: MeasuredLaw) -> str:
+    return WORDS.get(law.argument, "reading").replace("hinge", "joint" if law.place.startswith("joint") else "hinge")

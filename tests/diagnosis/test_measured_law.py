@@ -1,0 +1,246 @@
+"""The residual force as a function of its argument: on campaigns of the exam's own engine, on a real pendulum, and in closed form."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.swings import swings_of
+from rfca_rig.campaign.pendulum import read_pendulum_campaign
+from rfca_rig.campaign.reading import read_campaign
+from rfca_rig.crew.cores import algebra_on_one_thread
+from rfca_rig.description.model_file import read_model_file
+from rfca_rig.diagnosis.data.dataset import make_dataset
+from rfca_rig.diagnosis.data.pendulum_windows import BIN_S, WINDOW_S, stretches_of
+from rfca_rig.diagnosis.diagnose import _body, search_base
+from rfca_rig.diagnosis.inference.model_selection import search_models
+from rfca_rig.diagnosis.inference.parameterization import Parameterization, coordinate_of, value_of
+from rfca_rig.diagnosis.inference.pendulum_nuisances import space_of_pendulum
+from rfca_rig.diagnosis.likelihood.covariance import AtError, basis_of
+from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities
+from rfca_rig.diagnosis.likelihood.laplace import Linear
+from rfca_rig.diagnosis.measured_model_file import write_measured_model
+from rfca_rig.diagnosis.residual_force.catalogue_curve import catalogue_curve
+from rfca_rig.diagnosis.residual_force.law_arguments import knots_over
+from rfca_rig.diagnosis.residual_force.law_prior import NONE, root_of
+from rfca_rig.diagnosis.residual_force.measured_law import TableTerm, base_without, fit_law, measure_law, with_memory_test
+from rfca_rig.errors import BadInput
+from rfca_rig.exam import campaign_of
+from rfca_rig.exam.cases import NOTHING, drawn_cases
+from rfca_rig.exam.designs import Design
+from rfca_rig.exam.rig_of import world_of
+from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.parameters import LawTable, PresentEffect
+from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded
+
+DESIGN = Design(tuple((height, speed) for height in (205.0, 220.0, 235.0) for speed in (2.0, 2.6, 3.3)), 2, (215.0,))
+OTHER = Design(((212.0, 2.3), (228.0, 3.0)), 2, ())
+CONDITIONS = [(205.0, 2.2), (215.0, 2.6), (225.0, 2.2), (235.0, 3.0)]
+PENDULUM = Path(__file__).parents[1] / "data" / "dfki-pendulum" / "simple"
+
+
+def campaign(folder, design, **concealed):
+    """A campaign of the exam's own engine that conceals this."""
+    (case,) = drawn_cases(7, {NOTHING: 1})
+    campaign_of.write_campaign(replace(case, design=design, **concealed), folder)
+    return read_campaign(folder)
+
+
+def searched(folder, **concealed):
+    """What a search without a look at the catalogue leaves of such a campaign, and its recording."""
+    recording = campaign(folder / "campaign", DESIGN, **concealed)
+    return search_base([recording], lambda *_: None), recording
+
+
+def deviations(law, truth):
+    """How many standard deviations the whole law is off at each knot where the truth does not jump."""
+    smooth = law.knots != 0.0
+    return np.abs(law.whole - np.array([truth(u) for u in law.knots]))[smooth] / law.whole_std[smooth]
+
+
+@pytest.mark.slow
+def test_a_quadratic_damping_of_the_hinges_is_measured_within_its_band(tmp_path):
+    found, _ = searched(tmp_path, strangers={"hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": 0.05}})
+    law = measure_law(found, "hinges", found.nothing, ["rate_rad_s", "angle_rad"])
+    assert (law.argument, law.unit, law.argument_unit) == ("rate_rad_s", "N m", "rad/s")
+    off = deviations(law, lambda u: 0.05 * u + 0.05 * u * abs(u))
+    assert np.mean(off < 2.0) > 0.8
+    assert off.max() < 4.0
+    assert law.explained > 0.6
+    assert law.log_density_gain > 100.0
+    assert law.memory is not None
+    assert not law.memory.has_memory
+
+
+@pytest.mark.slow
+def test_a_friction_that_differs_by_direction_is_measured_within_its_band(tmp_path):
+    found, _ = searched(tmp_path, strangers={"friction_by_direction": {"backward_share": 0.7}})
+    law = measure_law(found, "floor_friction", found.nothing)
+    assert law.argument == "slip_m_s"
+    off = deviations(law, lambda u: 0.45 if u > 0.0 else 0.7 * 0.45)
+    assert np.mean(off < 2.0) > 0.8
+    assert law.explained > 0.6
+    assert law.memory is not None
+    assert not law.memory.has_memory
+
+
+@pytest.mark.slow
+def test_a_stribeck_law_of_another_exponent_is_measured_and_its_model_predicts_new_heights(tmp_path, monkeypatch):
+    def squared(*args):
+        world = world_of(*args)
+        return replace(world, floor=replace(world.floor, stribeck_power=2.0))
+
+    monkeypatch.setattr(campaign_of, "world_of", squared)
+    concealed = {"ground_stribeck": {"rise_relative": 0.5, "speed_m_s": 0.28}}
+    found, recording = searched(tmp_path, effects=concealed)
+    law = measure_law(found, "floor_friction", found.nothing, ["slip_m_s"])
+    truth = np.array([0.45 * (1.0 + 0.5 * np.exp(-((u / 0.28) ** 2))) for u in law.knots])
+    inner = np.abs(law.knots) < 1.5
+    # The exam's stick law is another one: with the true law in it this model fits its data worse than with the measured one.
+    assert np.abs(law.whole / truth - 1.0)[inner].max() < 0.08
+    assert law.explained > 0.85
+    write_measured_model(tmp_path / "model.toml", law, recording)
+    again = read_model_file(tmp_path / "model.toml").model()
+    assert again.effects[-1].table.values == pytest.approx(law.present.table.values, abs=1e-6)
+    body, _ = _body([campaign(tmp_path / "other heights", OTHER, effects=concealed)])
+    others = make_dataset(body.flaps)
+    believed, with_law = (np.std(others.rows.measured - others.predicted(Supposed(rig))) for rig in (body.rig, again))
+    assert with_law < 0.5 * believed
+
+
+@pytest.mark.slow
+def test_dry_friction_of_the_pins_has_memory_as_a_function_of_the_angle(tmp_path):
+    found, _ = searched(tmp_path, effects={"hinge_coulomb_friction": {"torque_Nm": 0.05}})
+    law = with_memory_test(found, fit_law(found, "hinges", "angle_rad", found.nothing))
+    assert law.memory.has_memory
+    assert law.memory.log_evidence_gain > 50.0
+
+
+def test_a_stribeck_law_of_the_models_own_kind_is_within_its_band():
+    slips = np.linspace(-3.0, 3.0, 121)
+    shares = tuple(float(value) for value in 0.4 * np.exp(-((slips / 0.3) ** 2)))
+    rougher = PresentEffect("tabulated_law", table=LawTable("floor_friction", "slip_m_s", tuple(map(float, slips)), shares))
+    found = found_among(flaps_of(recorded(replace(RIG, effects=(rougher,)), CONDITIONS)), [""])
+    law = measure_law(found, "floor_friction", found.nothing)
+    assert law.argument == "slip_m_s"
+    truth = RIG.ground.friction_coefficient * (1.0 + 0.4 * np.exp(-((law.knots / 0.3) ** 2)))
+    assert np.mean(np.abs(law.whole - truth) < 2.0 * law.whole_std) > 0.8
+    assert law.whole_std[np.abs(law.knots) < 1.0].max() < 0.06
+    assert law.explained > 0.5
+
+
+@pytest.fixture(scope="module")
+def crosstalk():
+    """A leg whose fz reads a curved share more than it bears, beside a clean catalogue effect."""
+    sensed = recorded(RIG, CONDITIONS)
+    for stroke in sensed:
+        fz = stroke.streams["table"].columns["fz_N"].raw
+        fz += 2e-3 * fz * np.abs(fz)
+    return found_among(flaps_of(sensed), ["sensor_crosstalk"])
+
+
+def test_a_curved_channel_is_measured_as_a_function_of_its_reading(crosstalk):
+    law = measure_law(crosstalk, "fz_N", crosstalk.nothing)
+    assert law.argument == "reading_N"
+    truth = 2e-3 * law.knots * np.abs(law.knots)
+    assert np.abs(law.values - truth).max() < 0.2 * np.abs(truth).max()
+    assert np.mean(np.abs(law.values - truth) < 2.0 * law.std) > 0.8
+    assert law.explained > 0.7
+    assert law.whole is None
+
+
+def test_the_base_may_be_a_hypothesis_less_one_of_its_effects(crosstalk):
+    base = base_without(crosstalk, crosstalk.named[0], "sensor_crosstalk")
+    assert base.ids == ()
+    assert base.judgement.log_evidence == pytest.approx(crosstalk.nothing.judgement.log_evidence, abs=3.0)
+    with pytest.raises(BadInput, match="effect tip_mass: is not in the hypothesis, which has sensor_crosstalk"):
+        base_without(crosstalk, crosstalk.named[0], "tip_mass")
+
+
+def test_an_argument_that_a_place_lacks_is_refused(crosstalk):
+    with pytest.raises(BadInput, match="at hinges a law cannot depend on 'load_N'"):
+        measure_law(crosstalk, "hinges", crosstalk.nothing, ["load_N"])
+
+
+def test_the_friction_of_a_real_servo_is_measured_over_its_speed():
+    problem = swings_of(read_pendulum_campaign(PENDULUM), WINDOW_S, BIN_S)
+    coordinates = Parameterization(space_of_pendulum(problem.pendulum, problem.nuisances))
+    with algebra_on_one_thread():
+        found = search_models(make_dataset(stretches_of(problem)), coordinates, [], lambda *_: None)
+        law = measure_law(found, "joint1", found.nothing)
+    assert law.argument == "rate_rad_s"
+    sliding = (np.abs(law.knots) > 0.4) & (np.abs(law.knots) < 4.0)
+    friction = law.whole[sliding] * np.sign(law.knots[sliding])
+    assert np.all((friction > 0.05) & (friction < 0.35))  # its makers publish 0.18 N m of dry friction, 0.05 N m s/rad beside it
+    assert np.mean(friction) == pytest.approx(0.18, abs=0.05)
+    assert law.explained > 0.4
+
+
+def test_the_log_density_of_a_condition_is_that_of_all_rows_less_that_of_the_others():
+    flaps = flaps_of(recorded(RIG, CONDITIONS[:2]))
+    rows = make_dataset(flaps).rows
+    count, random = len(rows.measured), np.random.default_rng(1)
+    linear = Linear(random.standard_normal(count), random.standard_normal((count, 3)))
+    whitening = AtError(basis_of(rows, 0.1 * random.standard_normal((count, 2))), 0.02)
+    covariance = whitening.covariance() + linear.jacobian @ linear.jacobian.T
+
+    def log_density(kept):
+        block, y = covariance[np.ix_(kept, kept)], linear.target[kept]
+        return -0.5 * float(y @ np.linalg.solve(block, y) + np.linalg.slogdet(block)[1] + kept.sum() * np.log(2.0 * np.pi))
+
+    for number, found in enumerate(loo_log_densities(linear, whitening, rows.condition, range(2))):
+        everything, others = np.ones(count, dtype=bool), rows.condition != number
+        assert found == pytest.approx(log_density(everything) - log_density(others), rel=1e-8)
+
+
+def test_knots_of_a_speed_stand_denser_around_zero_which_is_one_of_them():
+    knots = knots_over((-2.0, 0.7), "rate_rad_s")
+    assert (knots[0], knots[-1]) == pytest.approx((-2.0, 0.7))
+    assert 0.0 in knots
+    steps, near = np.diff(knots), int(np.flatnonzero(knots == 0.0)[0])
+    assert steps.min() > 0.0
+    assert steps[near] < 0.2 * steps[0]
+
+
+def test_a_smooth_prior_leaves_a_straight_line_free_and_may_know_that_nothing_is_nothing():
+    knots = np.linspace(-1.0, 1.0, 9)
+    root = root_of(knots, 2.0, 0.03)
+    covariance = root @ root.T
+    bend = np.diff(np.eye(9), 2, axis=0)
+    assert np.sqrt(np.diag(bend @ covariance @ bend.T)).max() <= 2.0 * 0.03
+    assert np.sqrt(covariance[0, 0]) > 1.0
+    known = root_of(knots, 2.0, 0.3, zero_at_zero=True)
+    assert np.sqrt((known @ known.T)[4, 4]) == pytest.approx(2.0 * NONE, rel=0.1)
+
+
+def test_the_coordinates_of_a_tabulated_term_are_standard_normal():
+    term = TableTerm(catalogue()["tip_mass"], (), "hinges", "angle_rad", (0.0, 1.0), ((2.0, 0.0), (1.0, 3.0)))
+    assert [value_of(parameter, 0.7) for parameter in term.free] == pytest.approx([0.7, 0.7])
+    assert coordinate_of(term.free[0], -1.3) == pytest.approx(-1.3)
+    assert term.present(np.array([1.0, -1.0])).table.values == pytest.approx((2.0, -2.0))
+
+
+U = np.linspace(-1.0, 1.0, 9)
+
+
+@pytest.mark.parametrize(
+    ("effect", "place", "argument", "wanted"),
+    [
+        (present("ground_stribeck", rise_relative=0.5, speed_m_s=0.3), "floor_friction", "slip_m_s", 0.5 * np.exp(-np.abs(U) / 0.3)),
+        (present("hinge_coulomb_friction", torque_Nm=0.1), "hinges", "rate_rad_s", 0.1 * np.sign(U)),
+        (present("hinge_viscous_damping", coefficient_Nm_s_per_rad=0.1), "hinges", "rate_rad_s", 0.1 * U),
+        (present("sensor_gain", factor=1.1), "fz_N", "reading_N", 0.1 * U),
+        (present("sensor_drift", rate_N_per_s=2.0), "fz_N", "time_s", 2.0 * U),
+        (present("hinge_stop", angle_deg=28.64789, stiffness_Nm_per_rad=20.0), "hinge3", "angle_rad",
+         20.0 * np.sign(U) * np.maximum(np.abs(U) - 0.5, 0.0)),
+    ],
+)  # fmt: skip
+def test_the_catalogue_says_its_law_as_a_function_of_the_argument(effect, place, argument, wanted):
+    assert catalogue_curve(RIG, effect, place, argument, U) == pytest.approx(wanted, abs=1e-5)
+
+
+def test_the_catalogue_says_nothing_where_an_effect_does_nothing():
+    assert catalogue_curve(RIG, PresentEffect("tip_mass", (("mass_g", 20.0),)), "hinges", "rate_rad_s", U) is None
+    assert catalogue_curve(RIG, present("ground_stribeck", rise_relative=0.5, speed_m_s=0.3), "floor_friction", "load_N", U) is None
