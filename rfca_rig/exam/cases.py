@@ -12,9 +12,9 @@ from rfca_rig.exam.labels import MISLABELLED
 from rfca_rig.exam.sizes import SPANS, stranger_values, values_of
 from rfca_rig.exam.strangers import NAMES
 from rfca_rig.exam.structured import Structured, drawn_structured
-from rfca_rig.exam.uneven import Uneven, drawn_uneven
+from rfca_rig.exam.uneven import Uneven, drawn_approximate, drawn_uneven
 
-NOTHING, MODEL_ERROR, SINGLE, PAIR, STRANGER, WRONG_LAW, POOR_DATA, MISLABEL = KINDS = (
+NOTHING, MODEL_ERROR, SINGLE, PAIR, STRANGER, WRONG_LAW, POOR_DATA, MISLABEL, APPROXIMATE, TRIPLE = KINDS = (
     "nothing missing",
     "nothing missing, model error",
     "one effect",
@@ -23,6 +23,8 @@ NOTHING, MODEL_ERROR, SINGLE, PAIR, STRANGER, WRONG_LAW, POOR_DATA, MISLABEL = K
     "right family, wrong law",
     "poor data",
     "wrong metadata",
+    "approximate law",
+    "three effects",
 )
 
 DEFAULT_NUMBERS: Mapping[str, int] = {
@@ -34,6 +36,8 @@ DEFAULT_NUMBERS: Mapping[str, int] = {
     WRONG_LAW: 60,
     POOR_DATA: 30,
     MISLABEL: 30,
+    APPROXIMATE: 60,
+    TRIPLE: 30,
 }
 
 LEVELS = 5
@@ -129,6 +133,20 @@ def _wrong_law(case: Case, i: int, random: np.random.Generator) -> Case:
     return replace(case, effects={uneven.effect: values_of(uneven.effect, strength, random)}, strength=strength, uneven=uneven)
 
 
+def _approximate(case: Case, i: int, random: np.random.Generator) -> Case:
+    uneven = drawn_approximate(i, random)
+    strength = float(random.uniform(0.4, 1.0))
+    return replace(case, effects={uneven.effect: values_of(uneven.effect, strength, random)}, strength=strength, uneven=uneven)
+
+
+def _triple(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
+    strength = float(random.uniform(0.4, 1.0))
+    while True:
+        names = tuple(tuple(SPANS)[j] for j in random.choice(len(SPANS), 3, replace=False))
+        if not any(set(pair) in NEVER_TOGETHER for pair in combinations(names, 2)):
+            return replace(case, effects={name: values_of(name, strength, random) for name in names}, strength=strength)
+
+
 def _poor_data(case: Case, i: int, random: np.random.Generator) -> Case:
     """One stroke. Half of them hide nothing."""
     single = replace(case, design=ONE_STROKE)
@@ -148,4 +166,6 @@ FILLED: Mapping[str, Callable[[Case, int, np.random.Generator], Case]] = {
     WRONG_LAW: _wrong_law,
     POOR_DATA: _poor_data,
     MISLABEL: _mislabelled,
+    APPROXIMATE: _approximate,
+    TRIPLE: _triple,
 }

@@ -23,13 +23,15 @@ STRONGER_IN_HINGES = ("pin_Nm", "gap_rad", "stop_Nm_per_rad", "loop_Nm", "arm_Nm
 @dataclass(frozen=True)
 class Uneven:
     """`of_hinge` (6,) scales what the effect does in each hinge; `per_condition` is the spread of its size from condition to condition;
-    `bent` stands for another shape: a floor of exponent 1.1, a gain with curvature, drag beside damping in the hinges.
+    `bent` stands for another shape: a floor of exponent 1.1, a gain with curvature, drag beside damping in the hinges; `stribeck_power` is
+    the exponent of the speed in friction that falls with it.
     """
 
     effect: str
     of_hinge: tuple[float, ...] = (1.0,) * HINGES
     per_condition: float = 0.0
     bent: bool = False
+    stribeck_power: float = 1.0
 
 
 def drawn_uneven(i: int, random: np.random.Generator) -> Uneven:
@@ -44,6 +46,19 @@ def drawn_uneven(i: int, random: np.random.Generator) -> Uneven:
     return Uneven(effect, bent=True)
 
 
+def drawn_approximate(i: int, random: np.random.Generator) -> Uneven:
+    """The effects in turn, with laws that are wrong by 20 to 40 % of themselves."""
+    every = (*HINGE_EFFECTS, *VARYING_EFFECTS, *BENT_EFFECTS)
+    effect, departure = every[4 * i % len(every)], float(random.uniform(0.2, 0.4))
+    if effect in HINGE_EFFECTS:
+        # uniform factors whose standard deviation is the departure
+        factors = 1.0 + np.sqrt(3.0) * departure * random.uniform(-1.0, 1.0, HINGES)
+        return Uneven(effect, of_hinge=tuple(float(x) for x in factors), per_condition=0.5 * departure)
+    if effect in VARYING_EFFECTS:
+        return Uneven(effect, per_condition=departure, stribeck_power=float(random.choice([0.5, 2.0])))
+    return Uneven(effect, per_condition=0.5 * departure, bent=True)
+
+
 def made_uneven(world: World, uneven: Uneven, believed_damping: tuple[float, ...]) -> World:
     """The world whose effect is in it already, with its law spoilt."""
     hinges = world.hinges
@@ -51,6 +66,7 @@ def made_uneven(world: World, uneven: Uneven, believed_damping: tuple[float, ...
     more = zip(hinges.damping_Nm_s_per_rad, believed_damping, uneven.of_hinge, strict=True)
     damping = tuple(base + (whole - base) * factor for whole, base, factor in more)
     world = replace(world, hinges=replace(hinges, **scaled, damping_Nm_s_per_rad=damping))
+    world = replace(world, floor=replace(world.floor, stribeck_power=uneven.stribeck_power))
     return _bent(world, uneven.effect) if uneven.bent else world
 
 

@@ -10,7 +10,6 @@ from rfca_rig.diagnosis.decision.acceptance import AS_USUAL, ONE_VALUE, acceptan
 from rfca_rig.diagnosis.decision.comparison import compare
 from rfca_rig.diagnosis.decision.detection_limits import size_parameter, without_effect
 from rfca_rig.diagnosis.decision.grade import Statement, Supported, state, support_of_best
-from rfca_rig.diagnosis.inference.forward_selection import CLEARLY_NEEDED
 from rfca_rig.diagnosis.inference.hypotheses import PRIOR_UNKNOWN, Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, std_of, value_of
 from rfca_rig.diagnosis.likelihood.cross_validation import MAX_LOO_RMS
@@ -19,6 +18,7 @@ from rfca_rig.diagnosis.result import Gate, Grade, NamedEffect, Rival, Value, Ve
 from rfca_rig.model.effect import Effect, Parameter
 from rfca_rig.model.parameters import RigModel
 
+CLEARLY_NEEDED = 120.0  # log evidence that a second effect adds to one that fits well: less, and the first law may be a little off
 AS_GOOD = 3.0  # log evidence within which these data do not tell two effects apart
 SURE = 0.9
 # One standard deviation by which a real cause departs from its law in the catalogue, of its size and of what shapes it: found by

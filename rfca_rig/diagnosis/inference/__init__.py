@@ -1,6 +1,5 @@
 """The search over hypotheses. Entry point: `model_selection.search_models`.
 
 `parameterization` and the nuisances define the unknowns; `map_fit` finds the best point of one hypothesis; `screening` probes every
-effect; `optimize`, `continuation`, `restart_from_prior` and `nuisance_swap` provide starts; `forward_selection` builds pairs;
-`hypotheses` weighs what was found.
+effect; `continuation` (truncated strokes) and `nuisance_swap` provide further starts; `hypotheses` weighs what was found.
 """

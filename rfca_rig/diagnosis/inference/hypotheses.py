@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from rfca_rig.diagnosis.data.dataset import Dataset
-from rfca_rig.diagnosis.inference.forward_selection import ids_of
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.screening import EffectProbe, terms_of
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import IMPLAUSIBLE, MarginalLikelihood, MarginalPosterior
@@ -71,7 +70,7 @@ class ModelSelectionResult:
 def weigh_models(descent: GaussNewton, base: MapFit, fits: Sequence[MapFit], effects: int) -> tuple[Hypothesis, tuple[Hypothesis, ...]]:
     """Nothing missing, and the fits that name something, most plausible first, of a catalogue with so many `effects`."""
     nothing = Hypothesis((), base, descent.evaluate(base), float(np.log(PRIOR_NOTHING)))
-    named = [Hypothesis(ids_of(fitted), fitted, descent.evaluate(fitted), _log_prior(fitted, effects)) for fitted in fits]
+    named = [Hypothesis(fitted.ids, fitted, descent.evaluate(fitted), _log_prior(fitted, effects)) for fitted in fits]
     believable = [_as_believable(hypothesis, named) for hypothesis in named]
     return _as_believable(nothing, named), tuple(sorted(believable, key=lambda hypothesis: -hypothesis.log_joint))
 

@@ -47,6 +47,11 @@ class MapFit:
     size: Floats
 
     @property
+    def ids(self) -> tuple[str, ...]:
+        """The ids of its effects."""
+        return tuple(term.effect.id for term in self.coordinates.choices)
+
+    @property
     def farthest(self) -> float:
         """How many prior deviations off the nuisance stands that is farthest from where it is believed."""
         return float(np.abs(self.x[: self.coordinates.nuisances]).max())
@@ -85,6 +90,13 @@ class GaussNewton:
     def _fitted(self, coordinates: Parameterization, x: Floats, predicted: Floats, jacobian: Floats) -> MapFit:
         size = np.linalg.norm(self.judge.usual(jacobian), axis=0)
         return MapFit(coordinates, x, predicted, self._aligned(coordinates, jacobian), size)
+
+    def without(self, found: MapFit, number: int) -> MapFit | None:
+        """The fit less one of its effects, all else where it stands; None where the model has no answer."""
+        coordinates = found.coordinates
+        kept = [term for i, term in enumerate(coordinates.choices) if i != number]
+        drop = np.arange(coordinates.size)[coordinates.part(number)]
+        return self.at(coordinates.with_terms(kept), np.delete(found.x, drop), np.delete(found.jacobian, drop, axis=1))
 
     def refine(self, start: MapFit, levels: int = LEVELS, rounds: int = ROUNDS) -> MapFit:
         """From `start` down until nothing more is gained, at one model error after the other."""

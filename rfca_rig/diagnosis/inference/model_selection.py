@@ -1,268 +1,311 @@
-"""All hypotheses that matter: nothing missing, something unlisted, each effect, and pairs that build on the best effects."""
+"""The search over hypotheses: nothing missing, every effect, pairs of effects, and triples where two do not suffice.
 
-from collections.abc import Callable, Sequence
+One optimiser fits every hypothesis (`map_fit`, Gauss-Newton to the MAP point). Starts come from five generators: the prior mean, the
+screening of all effects and all pairs, a parent's optimum with one effect more, truncated strokes (`continuation`), and a swap of a
+strained nuisance parameter for the effect that does the same (`nuisance_swap`). Fits are halved successively: many on a subset of the
+conditions, few on all, the best of them to convergence (Jamieson and Talwalkar, AISTATS 2016).
+"""
+
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.config import DEFAULT_SEARCH, SearchConfig
 from rfca_rig.diagnosis.data.dataset import THREADS, Dataset
 from rfca_rig.diagnosis.data.static_history import with_free_friction, with_inferred_approach
 from rfca_rig.diagnosis.inference.continuation import continue_from_beginnings
-from rfca_rig.diagnosis.inference.forward_selection import CLEARLY_NEEDED, no_worse_than_nested, select_pairs, swap_effects, without
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult, weigh_models
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit, without_scatter
 from rfca_rig.diagnosis.inference.nuisance_swap import swap_nuisance
-from rfca_rig.diagnosis.inference.optimize import optimize, worth_trying
-from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.inference.restart_from_prior import (
-    NominalFit,
-    fits_worse_than_unknown,
-    is_adequate,
-    nuisances_out_of_range,
-    pairs_from_belief,
-    singles_from_belief,
-)
-from rfca_rig.diagnosis.inference.screening import EffectProbe, probe_effects, terms_of
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import GOOD_FIT, make_marginal_likelihood
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.inference.screening import EffectProbe, Projection, probe_effects, projection_of, terms_of
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import GOOD_FIT, IMPLAUSIBLE, make_marginal_likelihood
 from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter, estimate_scatter
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.effect import Effect
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
+Terms = tuple[EffectTerm, ...]
 
-REFINED = 7  # effects whose best point is sought, of those that screening ranks highest
-GROWN_ALONE, GROWN_TOGETHER = 3, 4  # effects, and pairs of them, that are begun anew where none explains
-POLISHED_BEST = 3  # hypotheses of each size that are brought to their very best point
-POOR_FIT = 0.015  # a model error from which on a better explanation is looked for
-CLEARLY_BETTER = 10.0  # log evidence
-FAR_BELOW, NEARLY_AS_GOOD = 100.0, 20.0  # log evidence: more than polishing brings; where handing over may decide
+RESCALED = 3.0  # a probe may be this much too small and still be a start: its shape decides
+NEAR = 100.0  # log evidence: more than convergence with fresh Jacobians brings (measured at an earlier stage: 20 to 60)
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a fit begins: effects, and all unknowns (p,)."""
+
+    terms: Terms
+    x: Floats
 
 
 @dataclass(frozen=True)
 class SearchState:
-    """How far a search has come: the model with nothing missing, `base`, effects alone, and pairs of them, each where it fits best; and
-    whether what scatters and how the tip was held are `learnt` from one of them.
-    """
+    """What is known so far: the optimiser on all conditions and on the subset, the nominal model, and the fits by size of the set."""
 
     descent: GaussNewton
     scatter: Scatter
-    base: MapFit
-    singles: tuple[MapFit, ...] = ()
-    pairs: tuple[MapFit, ...] = ()
-    learnt: bool = False
+    coarse: GaussNewton
+    in_coarse: NDArray[np.bool_]
+    nominal: MapFit
+    nothing: MapFit
+    fits: tuple[MapFit, ...] = ()
 
     @property
     def best(self) -> MapFit:
-        return max((self.base, *self.singles, *self.pairs), key=self.descent.log_evidence)
+        """The fit with the greatest log evidence, the discrepancy scale free."""
+        return max((self.nothing, *self.fits), key=self.descent.free_log_evidence)
+
+    def of_size(self, size: int) -> list[MapFit]:
+        """The fits with so many effects, best first."""
+        found = [fit for fit in self.fits if len(fit.coordinates.choices) == size]
+        return sorted(found, key=self.descent.free_log_evidence, reverse=True)
+
+    def with_fits(self, fits: Iterable[MapFit]) -> "SearchState":
+        """With these fits; of each set of effects the best is kept."""
+        ranked = sorted((*self.fits, *fits), key=self.descent.free_log_evidence)
+        return replace(self, fits=tuple({frozenset(fit.coordinates.choices): fit for fit in ranked}.values()))
 
 
 def search_models(
-    evidence: Dataset, coordinates: Parameterization, effects: Sequence[Effect], progress: Progress, stopped_as_told: bool = True
+    evidence: Dataset,
+    coordinates: Parameterization,
+    effects: Sequence[Effect],
+    progress: Progress,
+    stopped_as_told: bool = True,
+    config: SearchConfig = DEFAULT_SEARCH,
 ) -> ModelSelectionResult:
-    """The search over these effects and their pairs; `stopped_as_told` says whether the shaft stood where it was told in static stages.
+    """The hypotheses that matter, each at its MAP fit.
 
-    Raises SimulationFailed where the model cannot be computed as believed.
+    Parameters
+    ----------
+    evidence
+        The observations.
+    coordinates
+        The nuisance parameters.
+    effects
+        The effects that may be missing.
+    progress
+        Called with what is being done and the share that is done.
+    stopped_as_told
+        Whether the shaft stood where it was told in static stages.
+    config
+        How widely to search.
+
+    Raises
+    ------
+    SimulationFailed
+        Where the nominal model cannot be simulated.
     """
     progress("nothing missing", 0.0)
-    believed, standing = _begun(with_free_friction(evidence), coordinates)
-    progress("a first look at every effect", 0.1)
-    there = believed if fits_worse_than_unknown(standing.descent, standing.base) else standing.base
-    choices = tuple(choice for effect in effects for choice in terms_of(effect))
-    trials = probe_effects(standing.descent.evidence, there, choices)
-    belief = NominalFit(believed, standing.descent.evidence, choices, tuple(trials) if there is believed else ())
-    progress("each effect", 0.3)
-    standing = _with_singles(standing, there, trials, belief, stopped_as_told)
-    progress("pairs of effects", 0.6)
-    standing = _with_pairs(standing, trials)
-    if not _explains_well(standing.descent, standing.best):
-        progress("along growing strokes", 0.75)
-        standing = _explained(standing, belief, trials, stopped_as_told)
-    progress("weighing", 0.9)
-    standing = _learnt_at_last(standing, stopped_as_told)
-    standing = _with_nothing_again(_with_parts_again(standing, trials))
-    believed = standing.descent.at(coordinates, believed.x, believed.jacobian) or believed
-    nothing, named = weigh_models(standing.descent, standing.base, (*standing.singles, *standing.pairs), len(effects))
-    unknown = standing.descent.evaluate_unlisted(standing.base)
-    evidence, judge = standing.descent.evidence, standing.descent.judge
-    return ModelSelectionResult(believed, nothing, unknown, named, tuple(trials), standing.scatter, judge, evidence)
+    state = _begin(with_free_friction(evidence), coordinates, config)
+    progress("screening every effect", 0.1)
+    terms = tuple(term for effect in effects for term in terms_of(effect))
+    probes = probe_effects(state.descent.evidence, state.nominal, terms)
+    projection = _projection(state.descent, state.nominal)
+    progress("each effect", 0.25)
+    state = _fit_best(
+        state,
+        _single_starts(projection, probes, state.nominal, config.starts_per_effect, config.worth_a_fit),
+        config.singles_coarse,
+        config.singles_full,
+    )
+    state = _learn(_converge(state, 1, config), stopped_as_told, GOOD_FIT)
+    progress("pairs of effects", 0.5)
+    if not _is_adequate(state):
+        starts = _pair_starts(projection, probes, state.nominal, config)
+        state = _fit_best(state, starts, config.pairs_coarse, config.pairs_full)
+    state = _fit_best(state, _partner_starts(state, 1, terms, config), config.parents * config.partners, config.pairs_full)
+    state = _converge(state, 2, config)
+    if not _is_adequate(state):
+        progress("three effects", 0.7)
+        state = _fit_best(state, _partner_starts(state, 2, terms, config), config.triples_coarse, config.triples_full)
+        progress("truncated strokes", 0.75)
+        state = state.with_fits(continue_from_beginnings(state.descent, _ranked(state)[: config.continued]))
+    progress("weighing", 0.85)
+    state = _learn(_fit_nested(state), stopped_as_told, 2.0 * GOOD_FIT)
+    for size in (1, 2, 3):
+        state = _converge(state, size, config)
+    return _result(_refit_nothing(state), coordinates, probes, effects)
 
 
-def _begun(evidence: Dataset, coordinates: Parameterization) -> tuple[MapFit, SearchState]:
-    """The model as believed, and where it fits best with nothing missing."""
+def _begin(evidence: Dataset, coordinates: Parameterization, config: SearchConfig) -> SearchState:
+    """The nominal model, and the fit without effects."""
     start = without_scatter(evidence)
-    believed = start.at(coordinates, np.zeros(coordinates.size))
-    if believed is None:
+    nominal = start.at(coordinates, np.zeros(coordinates.size))
+    if nominal is None:
         raise SimulationFailed("the model cannot be computed as believed; look for a slipped decimal point in the leg or the ground")
-    base = start.refine(believed)
-    scatter = estimate_scatter(evidence, coordinates.supposed(base.x))
+    nothing = start.refine(nominal)
+    scatter = estimate_scatter(evidence, coordinates.supposed(nothing.x))
     descent = GaussNewton(evidence, make_marginal_likelihood(evidence.rows, scatter.columns))
-    return believed, SearchState(descent, scatter, descent.converge(base))
+    coarse, rows = _coarsen(evidence, scatter, config.coarse_conditions)
+    return SearchState(descent, scatter, coarse, rows, nominal, descent.converge(nothing))
 
 
-def _with_singles(
-    standing: SearchState, there: MapFit, trials: Sequence[EffectProbe], belief: NominalFit, stopped_as_told: bool
-) -> SearchState:
-    """The effects that promise most beside what is `there`, and from what is believed where none of them explains anything."""
-    descent, base = standing.descent, standing.base
-    singles = optimize(descent, there, worth_trying(descent, there, trials, REFINED))
-    if _all_lost(descent, (base, *singles)):
-        singles = _each_at_its_best(descent, [*singles, *singles_from_belief(descent, belief)])
-    standing, best = replace(standing, singles=tuple(singles)), _clearly_better(descent, base, singles) or base
-    if descent.evaluate(best).fits_well(base.coordinates.nuisances):
-        standing = _learnt_anew(standing, best, stopped_as_told)
-    standing = _beside_what_lacks_nothing(standing, trials)
-    singles = _best_polished(standing.descent, standing.singles)
-    return replace(standing, singles=tuple(singles), base=_polished_if_near(standing.descent, standing.base, singles))
+def _coarsen(evidence: Dataset, scatter: Scatter, conditions: int) -> tuple[GaussNewton, NDArray[np.bool_]]:
+    """The optimiser on a subset of the conditions, and which of all rows these have."""
+    subset, rows = evidence.subset(conditions)
+    columns = scatter.columns[rows]
+    return GaussNewton(subset, make_marginal_likelihood(subset.rows, columns[:, np.any(columns, axis=0)])), rows
 
 
-def _beside_what_lacks_nothing(standing: SearchState, trials: Sequence[EffectProbe]) -> SearchState:
-    """An effect may owe its lead to the believed values that came with it: nothing missing is fitted again from these, and where it does
-    clearly better there than it stood, effects are put beside it anew.
-    """
-    descent, base = standing.descent, standing.base
-    best = _clearly_better(descent, base, standing.singles)
-    begun = None if best is None else without(descent, best, 0)
-    if begun is None or (again := _clearly_better(descent, base, [descent.converge(descent.refine(begun))])) is None:
-        return standing
-    more = optimize(descent, again, worth_trying(descent, again, trials, REFINED))
-    return replace(standing, base=again, singles=tuple(_each_at_its_best(descent, [*standing.singles, *more])))
+def _restrict(fit: MapFit, state: SearchState) -> MapFit:
+    """A fit as the subset of the conditions sees it."""
+    return replace(fit, predicted=fit.predicted[state.in_coarse], jacobian=fit.jacobian[state.in_coarse])
 
 
-def _with_pairs(standing: SearchState, trials: Sequence[EffectProbe]) -> SearchState:
-    descent, singles = standing.descent, standing.singles
-    pairs = [] if _all_lost(descent, singles) else select_pairs(descent, standing.base, singles, trials)
-    return replace(standing, pairs=tuple(_best_polished(descent, pairs)))
+def _projection(descent: GaussNewton, fit: MapFit) -> Projection:
+    measured = descent.evidence.rows.measured
+    return projection_of(fit, measured, descent.judge.level(fit.linear(measured)))
 
 
-def _explained(standing: SearchState, belief: NominalFit, trials: Sequence[EffectProbe], stopped_as_told: bool) -> SearchState:
-    """What is tried where nothing explains the recordings well, one after the other until something explains them."""
-    best = [*_best(standing.descent, standing.singles, GROWN_ALONE), *_best(standing.descent, standing.pairs, GROWN_TOGETHER)]
-    standing = _grown(standing, best, trials)
-    if nuisances_out_of_range(standing.descent, standing.base) and not is_adequate(standing.descent, standing.best):
-        standing = _with_pairs_from_belief(standing, belief)
-    if is_adequate(standing.descent, standing.best) or not standing.pairs:
-        return standing
-    standing = _learnt_at_last(standing, stopped_as_told)
-    (pair,) = _best(standing.descent, standing.pairs, 1)
-    return _grown(standing, swap_effects(standing.descent, pair, trials), trials)
+def _single_starts(projection: Projection, probes: Sequence[EffectProbe], base: MapFit, count: int, least: float) -> list[Start]:
+    """At most `count` grid points of every effect beside `base`, most promising first, of effects that promise `least` of chi-square."""
+    by_term: dict[EffectTerm, list[tuple[float, EffectProbe]]] = {}
+    for probe in probes:
+        by_term.setdefault(probe.choice, []).append((projection.gain(probe.signature)[0], probe))
+    found: list[tuple[float, EffectProbe]] = []
+    for points in by_term.values():
+        points.sort(key=lambda pair: -pair[0])
+        if points[0][0] < least:
+            continue
+        found += [pair for pair in points[:count] if pair[0] >= 0.5 * points[0][0]]
+    return [_beside(base, (probe,)) for _, probe in sorted(found, key=lambda pair: -pair[0])]
 
 
-def _grown(standing: SearchState, fits: Sequence[MapFit], trials: Sequence[EffectProbe]) -> SearchState:
-    """These begun anew along growing strokes; pairs are sought again beside an effect that gets much further."""
-    descent = standing.descent
-    again = continue_from_beginnings(descent, fits)
-    singles, pairs = ([fitted for fitted in again if len(fitted.coordinates.choices) == count] for count in (1, 2))
-    pairs = _each_at_its_best(descent, [*standing.pairs, *pairs])
-    return _pairs_again(replace(standing, pairs=tuple(pairs)), _each_at_its_best(descent, [*standing.singles, *singles]), trials)
+def _pair_starts(projection: Projection, probes: Sequence[EffectProbe], base: MapFit, config: SearchConfig) -> list[Start]:
+    """The best grid points of the pairs of effects that could take away most of the misfit together."""
+    gain = _joint_gains(projection, probes)
+    best: dict[frozenset[EffectTerm], tuple[float, int, int]] = {}
+    for i, j in combinations(range(len(probes)), 2):
+        pair = frozenset((probes[i].choice, probes[j].choice))
+        if probes[i].choice.effect.id != probes[j].choice.effect.id and gain[i, j] > best.get(pair, (0.0, 0, 0))[0]:
+            best[pair] = (float(gain[i, j]), i, j)
+    ranked = sorted(best.values(), reverse=True)[: config.pairs_coarse]
+    return [_beside(base, (probes[i], probes[j])) for _, i, j in ranked]
 
 
-def _with_parts_again(standing: SearchState, trials: Sequence[EffectProbe]) -> SearchState:
-    """The parts of the best pair fitted again; pairs are built anew where that shows an effect in a much better light than it stood in."""
-    return _pairs_again(standing, no_worse_than_nested(standing.descent, standing.base, standing.singles, standing.pairs), trials)
+def _joint_gains(projection: Projection, probes: Sequence[EffectProbe]) -> Floats:
+    """Chi-square that probes i and j could remove together, each scaled as suits within 0 to RESCALED, (k, k)."""
+    white = projection.whitening(np.column_stack([probe.signature for probe in probes]))
+    gram, match = white.T @ projection.through(white), white.T @ projection.residual
+    own = np.diag(gram)
+    product = np.outer(own, own)
+    determinant = np.maximum(product - gram**2, 1e-9 * product + 1e-300)
+    first = np.clip((np.outer(match, own) - gram * match[None, :]) / determinant, 0.0, RESCALED)
+    second = first.T
+    quadratic = first**2 * own[:, None] + 2.0 * first * second * gram + second**2 * own[None, :]
+    return np.asarray(2.0 * (first * match[:, None] + second * match[None, :]) - quadratic)
 
 
-def _pairs_again(standing: SearchState, singles: Sequence[MapFit], trials: Sequence[EffectProbe]) -> SearchState:
-    """With these effects instead, and pairs built anew where the best of them is much better than it stood."""
-    descent = standing.descent
-    best, before = (max(map(descent.log_evidence, fits), default=-np.inf) for fits in (singles, standing.singles))
-    again = replace(standing, singles=tuple(singles))
-    if best < before + CLEARLY_NEEDED:
-        return again
-    return replace(again, pairs=tuple(_each_at_its_best(descent, [*standing.pairs, *_with_pairs(again, trials).pairs])))
+def _partner_starts(state: SearchState, size: int, terms: Terms, config: SearchConfig) -> list[Start]:
+    """One effect more beside the best sets of a size, screened by what it would do to a model that has these effects already."""
+    found: list[Start] = []
+    least = config.worth_beside_a_good_fit if _is_adequate(state) else config.worth_a_fit
+    for parent in state.of_size(size)[: config.parents if size == 1 and least == config.worth_a_fit else 1]:
+        here = _restrict(parent, state)
+        own = {term.effect.id for term in parent.coordinates.choices}
+        probes = probe_effects(state.coarse.evidence, here, [term for term in terms if term.effect.id not in own])
+        found += _single_starts(_projection(state.coarse, here), probes, here, 1, least)[: config.partners]
+    return found
 
 
-def _with_nothing_again(standing: SearchState) -> SearchState:
-    """Nothing missing fitted again from the believed values of the best explanation, which may have found a better place for them."""
-    descent, base, best = standing.descent, standing.base, standing.best
-    nuisances = base.coordinates.nuisances
-    begun = descent.at(base.coordinates, best.x[:nuisances])
-    again = None if begun is None else _clearly_better(descent, base, [descent.refine(begun)])
-    return standing if again is None else replace(standing, base=descent.converge(again))
+def _beside(base: MapFit, probes: Sequence[EffectProbe]) -> Start:
+    return Start((*base.coordinates.choices, *(probe.choice for probe in probes)), np.concatenate([base.x, *(probe.z for probe in probes)]))
 
 
-def _with_pairs_from_belief(standing: SearchState, belief: NominalFit) -> SearchState:
-    """More pairs, those that promise most from what is believed."""
-    again = _best_polished(standing.descent, pairs_from_belief(standing.descent, belief))
-    return replace(standing, pairs=tuple(_each_at_its_best(standing.descent, [*standing.pairs, *again])))
-
-
-def _learnt_anew(standing: SearchState, best: MapFit, stopped_as_told: bool) -> SearchState:
-    """What scatters acts through the leg and drive as they are, and how a static table was moved through shows in how its tip was held:
-    both learnt anew from the best explanation, and all fits carried on. From one that explains next to nothing the wrong would be learnt.
-    """
-    moved = with_inferred_approach(standing.descent.evidence, best.coordinates, best.x, stopped_as_told)
-    if moved is standing.descent.evidence and not best.coordinates.choices:
-        return replace(standing, learnt=True)
-    scatter = estimate_scatter(moved, best.coordinates.supposed(best.x))
-    descent = GaussNewton(moved, make_marginal_likelihood(moved.rows, scatter.columns))
-    base = _carried_on(descent, standing.base)
-    singles, pairs = (tuple(_carried_on(descent, fitted) for fitted in fits) for fits in (standing.singles, standing.pairs))
-    return SearchState(descent, scatter, base, singles, pairs, learnt=True)
-
-
-def _learnt_at_last(standing: SearchState, stopped_as_told: bool) -> SearchState:
-    """The same from the best explanation there is, if it is one or comes close to the recordings all the same."""
-    descent, best = standing.descent, standing.best
-    if standing.learnt or not (is_adequate(descent, best) or descent.evaluate(best).error < GOOD_FIT):
-        return standing
-    standing = _learnt_anew(standing, standing.best, stopped_as_told)
-    descent = standing.descent
-    singles, pairs = (tuple(_best_polished(descent, fits)) for fits in (standing.singles, standing.pairs))
-    return replace(standing, base=_polished_if_near(descent, standing.base, (*singles, *pairs)), singles=singles, pairs=pairs)
-
-
-def _carried_on(descent: GaussNewton, fitted: MapFit) -> MapFit:
-    """A fit to other evidence, fitted to this from where it stands; as it was where the model has no answer there."""
-    here = descent.at(fitted.coordinates, fitted.x, fitted.jacobian)
-    return fitted if here is None else descent.refine(here)
-
-
-def _best(descent: GaussNewton, fits: Sequence[MapFit], count: int) -> list[MapFit]:
-    return sorted(fits, key=descent.log_evidence, reverse=True)[:count]
-
-
-def _each_at_its_best(descent: GaussNewton, fits: Sequence[MapFit]) -> list[MapFit]:
-    """The best fit of each set of effects."""
-    return list({frozenset(fitted.coordinates.choices): fitted for fitted in sorted(fits, key=descent.log_evidence)}.values())
-
-
-def _all_lost(descent: GaussNewton, fits: Sequence[MapFit]) -> bool:
-    """Whether there is none, or even the best explains next to nothing."""
-    return not fits or fits_worse_than_unknown(descent, max(fits, key=descent.log_evidence))
-
-
-def _explains_well(descent: GaussNewton, fitted: MapFit) -> bool:
-    """Whether nothing better need be looked for: half of an explanation, or a wrong one, may explain with a large error of the model."""
-    return is_adequate(descent, fitted) and descent.evaluate(fitted).error < POOR_FIT
-
-
-def _polished_if_near(descent: GaussNewton, base: MapFit, singles: Sequence[MapFit]) -> MapFit:
-    best = max((descent.log_evidence(single) for single in singles), default=-np.inf)
-    return descent.converge(base) if descent.log_evidence(base) > best - FAR_BELOW else base
-
-
-def _clearly_better(descent: GaussNewton, base: MapFit, singles: Sequence[MapFit]) -> MapFit | None:
-    """The best of them, if it leaves the base far behind."""
-    best = max(singles, key=descent.log_evidence, default=None)
-    return None if best is None or descent.log_evidence(best) < descent.log_evidence(base) + CLEARLY_BETTER else best
-
-
-def _best_polished(descent: GaussNewton, fits: Sequence[MapFit]) -> list[MapFit]:
-    """The likeliest at its very best point, and those few that come near it; the others stay as they are, far below.
-
-    Where even the best explains next to nothing its order says little, and those few are polished whatever they are worth.
-    """
-    ranked = sorted(fits, key=descent.log_evidence, reverse=True)
-    if not ranked:
-        return []
-    best = descent.converge(ranked[0])
-    least = -np.inf if fits_worse_than_unknown(descent, ranked[0]) else descent.log_evidence(best) - FAR_BELOW
-    near = [f for f in ranked[1:POLISHED_BEST] if descent.log_evidence(f) > least]
+def _fit_best(state: SearchState, starts: Sequence[Start], coarse: int, full: int) -> SearchState:
+    """The first starts fitted on the subset, of each set the best; the best of these sets on all conditions."""
+    known = {frozenset(fit.coordinates.choices) for fit in state.fits if len(fit.coordinates.choices) > 1}
+    wanted = [start for start in starts if frozenset(start.terms) not in known]
+    sets = list(dict.fromkeys(frozenset(start.terms) for start in wanted))[:coarse]
+    wanted = [start for start in wanted if frozenset(start.terms) in sets]
     with ThreadPoolExecutor(THREADS) as pool:
-        converge = [best, *pool.map(descent.converge, near)]
-        least = np.inf if _all_lost(descent, converge) else max(map(descent.log_evidence, converge)) - NEARLY_AS_GOOD
-        led = pool.map(lambda f: swap_nuisance(descent, f) if descent.log_evidence(f) >= least else f, converge)
-        return [*led, *ranked[1 + len(near) :]]
+        found = [fit for fit in pool.map(lambda start: _fit(state.coarse, state, start, 2), wanted) if fit is not None]
+        ranked = sorted(found, key=state.coarse.free_log_evidence)
+        best = list({frozenset(fit.coordinates.choices): fit for fit in ranked}.values())
+        best.sort(key=state.coarse.free_log_evidence, reverse=True)
+        fits = pool.map(lambda fit: _fit(state.descent, state, Start(fit.coordinates.choices, fit.x), 5), best[:full])
+        return state.with_fits(fit for fit in fits if fit is not None)
+
+
+def _fit(descent: GaussNewton, state: SearchState, start: Start, levels: int) -> MapFit | None:
+    """The MAP fit from a start, None where the model has no answer. The nuisances' Jacobian begins as that of the nominal model."""
+    known = state.nominal if descent is state.descent else _restrict(state.nominal, state)
+    here = descent.at(state.nominal.coordinates.with_terms(start.terms), start.x, known.jacobian)
+    return None if here is None else descent.refine(here, levels=levels)
+
+
+def _ranked(state: SearchState) -> list[MapFit]:
+    return sorted(state.fits, key=state.descent.free_log_evidence, reverse=True)
+
+
+def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchState:
+    """The best sets of a size with fresh Jacobians, and strained nuisance parameters swapped for the effects that do the same."""
+    best = state.of_size(size)[: config.converged]
+    least = max((state.descent.free_log_evidence(fit) for fit in state.fits), default=0.0) - NEAR
+    near = [fit for fit in best if fit is best[0] or state.descent.free_log_evidence(fit) > least]
+    with ThreadPoolExecutor(THREADS) as pool:
+        return state.with_fits(pool.map(lambda fit: swap_nuisance(state.descent, state.descent.converge(fit)), near))
+
+
+def _is_adequate(state: SearchState) -> bool:
+    """Whether the best explanation leaves no more than a good model does, nuisance parameters within what is plausible."""
+    judgement = state.descent.evaluate(state.best)
+    return judgement.error < GOOD_FIT and judgement.farthest(state.nominal.coordinates.nuisances) < IMPLAUSIBLE
+
+
+def _learn(state: SearchState, stopped_as_told: bool, enough: float) -> SearchState:
+    """Repeat scatter and the static approach path, estimated again from the best explanation if its error is small `enough`.
+
+    All fits follow. From an explanation that fits badly the wrong path would be learnt.
+    """
+    best = state.best
+    if state.descent.evaluate(best).error > enough:
+        return state
+    evidence = with_inferred_approach(state.descent.evidence, best.coordinates, best.x, stopped_as_told)
+    if evidence is state.descent.evidence:
+        return state
+    scatter = estimate_scatter(evidence, best.coordinates.supposed(best.x))
+    descent = GaussNewton(evidence, make_marginal_likelihood(evidence.rows, scatter.columns))
+    coarse, rows = _coarsen(evidence, scatter, len(state.coarse.evidence.flaps) or len(state.coarse.evidence.parts))
+    again = [fit for old in (state.nominal, state.nothing, *state.fits) if (fit := descent.at(old.coordinates, old.x, old.jacobian))]
+    if len(again) < 2 + len(state.fits):
+        return state
+    with ThreadPoolExecutor(THREADS) as pool:
+        nothing, *fits = pool.map(descent.refine, again[1:])
+    return SearchState(descent, scatter, coarse, rows, again[0], nothing, tuple(fits))
+
+
+def _fit_nested(state: SearchState) -> SearchState:
+    """The parts of the best set fitted again from where it stands: a set must not win because its parts were fitted badly."""
+    best, found = state.best, []
+    coordinates = best.coordinates
+    if len(coordinates.choices) > 1:
+        for number in range(len(coordinates.choices)):
+            terms = tuple(term for i, term in enumerate(coordinates.choices) if i != number)
+            x = np.delete(best.x, np.arange(coordinates.size)[coordinates.part(number)])
+            found.append(_fit(state.descent, state, Start(terms, x), 5))
+    return state.with_fits(fit for fit in found if fit is not None)
+
+
+def _refit_nothing(state: SearchState) -> SearchState:
+    """The fit without effects also from the nuisance parameters of the best explanation."""
+    again = _fit(state.descent, state, Start((), state.best.x[: state.nominal.coordinates.nuisances]), 5)
+    found = [state.descent.converge(fit) for fit in (state.nothing, again) if fit is not None]
+    return replace(state, nothing=max(found, key=state.descent.free_log_evidence))
+
+
+def _result(
+    state: SearchState, coordinates: Parameterization, probes: Sequence[EffectProbe], effects: Sequence[Effect]
+) -> ModelSelectionResult:
+    descent = state.descent
+    nominal = descent.at(coordinates, state.nominal.x, state.nominal.jacobian) or state.nominal
+    nothing, named = weigh_models(descent, state.nothing, state.fits, len(effects))
+    unknown = descent.evaluate_unlisted(state.nothing)
+    return ModelSelectionResult(nominal, nothing, unknown, named, tuple(probes), state.scatter, descent.judge, descent.evidence)

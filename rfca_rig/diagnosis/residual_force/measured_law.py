@@ -13,7 +13,6 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.inference.forward_selection import ids_of, without
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm
@@ -173,7 +172,7 @@ def base_without(found: ModelSelectionResult, hypothesis: Hypothesis, effect: st
     if effect not in hypothesis.ids:
         raise BadInput(f"effect {effect}: is not in the hypothesis, which has {', '.join(hypothesis.ids) or 'none'}")
     descent = GaussNewton(found.evidence, found.judge)
-    rest = without(descent, hypothesis.fitted, hypothesis.ids.index(effect))
+    rest = descent.without(hypothesis.fitted, hypothesis.ids.index(effect))
     if rest is None:
         raise SimulationFailed(f"the model has no answer without {effect}")
     return _hypothesis(descent, descent.converge(descent.refine(rest)))
@@ -240,7 +239,7 @@ def _term_of(fitted: MapFit) -> tuple[TableTerm, slice]:
 
 
 def _hypothesis(descent: GaussNewton, fitted: MapFit) -> Hypothesis:
-    return Hypothesis(ids_of(fitted), fitted, descent.evaluate(fitted), 0.0)
+    return Hypothesis(fitted.ids, fitted, descent.evaluate(fitted), 0.0)
 
 
 def _measured(found: ModelSelectionResult, base: Hypothesis, law: Hypothesis, visited: tuple[float, float]) -> MeasuredLaw:
