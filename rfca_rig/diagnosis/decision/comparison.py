@@ -131,6 +131,12 @@ class Comparison:
         removable = before - self.noise_floor**2
         return (before - after) / removable if removable > 0.0 else 0.0
 
+    def law_error(self, one: ScaledHypothesis) -> float:
+        """Held-out misfit that a hypothesis leaves, over the misfit that it removes; limited to 1."""
+        before, after = (float(np.median(each.held_out_rms)) for each in (self.nothing, one))
+        left, removed = max(after**2 - self.noise_floor**2, 0.0), before**2 - after**2
+        return float(min(np.sqrt(left / removed), 1.0)) if removed > 0.0 else 1.0
+
     @cached_property
     def noise_floor(self) -> float:
         """What sensor noise alone leaves, in units of noise and usual model error."""

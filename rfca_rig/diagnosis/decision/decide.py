@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from rfca_rig.diagnosis.decision.acceptance import AS_USUAL, ONE_VALUE, acceptance_tests, at_usual_error, describe_strain, left_out
-from rfca_rig.diagnosis.decision.comparison import compare
+from rfca_rig.diagnosis.decision.comparison import Comparison, compare
 from rfca_rig.diagnosis.decision.detection_limits import size_parameter, without_effect
 from rfca_rig.diagnosis.decision.grade import Statement, Supported, state, support_of_best
 from rfca_rig.diagnosis.inference.hypotheses import PRIOR_UNKNOWN, Hypothesis, ModelSelectionResult
@@ -16,6 +16,7 @@ from rfca_rig.diagnosis.likelihood.cross_validation import MAX_LOO_RMS
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import GOOD_FIT
 from rfca_rig.diagnosis.result import Gate, Grade, NamedEffect, Rival, Value, Verdict
 from rfca_rig.model.effect import Effect, Parameter
+from rfca_rig.model.families import related
 from rfca_rig.model.parameters import RigModel
 
 CLEARLY_NEEDED = 120.0  # log evidence that a second effect adds to one that fits well: less, and the first law may be a little off
@@ -25,6 +26,9 @@ SURE = 0.9
 # concealing effects in an engine whose laws are written otherwise, and to be checked there on other seeds
 LAWS_SIZE, LAWS_SHAPE = 0.03, 0.1
 LARGEST_CLASS = 5
+# Share of what it explains that the law of a right effect may leave: friction laws of real gears are right to 20 to 40 % of themselves, so
+# a second law of the same family that leaves less could be the true one.
+LAW_ERROR = 0.2
 UNKNOWN = ("unknown",)
 
 
@@ -74,7 +78,20 @@ def decide(found: ModelSelectionResult, candidates: int) -> Decision:
     comparison = compare(found, candidates)
     supported = support_of_best(comparison)
     statement = state(comparison, supported) if decision.verdict == "unexplained" else None
-    return replace(decision, statement=statement, supported=supported)
+    return replace(decision, statement=statement, supported=supported, effects=_with_family_rivals(decision, comparison))
+
+
+def _with_family_rivals(decision: Decision, comparison: Comparison) -> tuple[NamedEffect, ...]:
+    """The identified effects; laws of the same family that are wrong by no more than laws usually are cannot be told from them."""
+    others = {effect.id for effect in decision.effects}
+    found = []
+    for effect in decision.effects:
+        kept = others - {effect.id}
+        swapped = [one for one in comparison.ranked if len(one.ids) == len(others) and kept <= set(one.ids)]
+        rivals = {name for one in swapped if comparison.law_error(one) < LAW_ERROR for name in set(one.ids) - others}
+        alike = sorted((rivals & related((effect.id,))) | set(effect.cannot_tell_from))
+        found.append(replace(effect, cannot_tell_from=tuple(alike)))
+    return tuple(found)
 
 
 def _decide_strictly(found: ModelSelectionResult, candidates: int) -> Decision:

@@ -116,7 +116,7 @@ def stated_effect(comparison: Comparison, hypothesis: Hypothesis, number: int, p
     part = hypothesis.fitted.coordinates.part(number)
     posterior = hypothesis.judgement.posterior
     std = np.hypot(np.sqrt(np.diag(posterior.covariance))[part], _jackknife_std(comparison, hypothesis)[part])
-    law = _law_error(comparison)
+    law = comparison.law_error(comparison.best)
     values: dict[str, Value] = {name: Value(value, 0.0) for name, value in term.whole}
     shape: dict[str, Value] = {}
     for parameter, z, std_z in zip(term.free, posterior.mean[part].tolist(), std.tolist(), strict=True):
@@ -135,14 +135,6 @@ def stated_effect(comparison: Comparison, hypothesis: Hypothesis, number: int, p
         cannot_tell_from=(),
         wording=f"the law is approximate: it is off by about {100.0 * law:.0f} % of what it explains",
     )
-
-
-def _law_error(comparison: Comparison) -> float:
-    """Held-out misfit that remains, over the misfit that the best explanation removes; limited to 1."""
-    before, after = (float(np.median(one.held_out_rms)) for one in (comparison.nothing, comparison.best))
-    left = max(after**2 - comparison.noise_floor**2, 0.0)
-    removed = before**2 - after**2
-    return float(min(np.sqrt(left / removed), 1.0)) if removed > 0.0 else 1.0
 
 
 def _jackknife_std(comparison: Comparison, hypothesis: Hypothesis) -> Floats:
