@@ -17,6 +17,9 @@ Python function that numba can compile, with one of these signatures; `memory` (
 A HINGE or ROTOR law with memory brings a second function, called once after each accepted step, which may change `memory`:
 
     advance(phi, rate, elapsed, k0, k2, memory, parameter)
+
+A HINGE law on one joint of a pendulum may read the torque that was recorded there: with `reads_torque`, `joint_drive.torque_at` gives
+it. Such a law has five parameters of its own at most and counts its time in memory[3]; see `effects.joint_load_friction`.
 """
 
 from collections.abc import Callable
@@ -102,13 +105,17 @@ _WRAPPERS = {HINGE: _hinge, LINK: _link, SLIP: _slip, NORMAL: _normal, ROTOR: _r
 
 @dataclass(frozen=True)
 class LawUse:
-    """One law as an effect uses it: where, with which parameters (at most 8), on which one hinge or link (-1 for all)."""
+    """One law as an effect uses it: where, with which parameters (at most 8), on which one hinge or link (-1 for all).
+
+    `reads_torque`: whether it reads the torque that drives its joint.
+    """
 
     place: int
     law: Law
     parameters: tuple[float, ...]
     advance: Law | None = None
     only: int = -1
+    reads_torque: bool = False
 
 
 def compile_law(use: LawUse) -> None:
