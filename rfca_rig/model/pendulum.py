@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 FINE = Tolerance(1e-5, 3e-2)
 HANGING_RAD = 0.5 * np.pi  # of the compiled chain, which counts from the horizontal
 NO_GROUND_M = 1e6
-SOON_S = 1e-3  # over which an acceleration at the start is taken: short against a pendulum's swing, long against a step
+SOON_S = 5e-3  # over which acceleration and jerk at the start are taken: short against a swing, long against the integrator's error
 EVEN_S = 0.1  # for so long the joints are supposed to have turned at their first speed before the start
 
 
@@ -117,16 +117,22 @@ class DrivenPendulum:
         return Swing(t_s, np.diff(samples.q, axis=1), np.diff(samples.w, axis=1))
 
     def _simulate_lagged(self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance) -> Swing:
-        """The same read with a lag: y' = (x - y) / tau. So x = y + tau y' at the start, to first order for the speed."""
-        soon = self._simulate(laws, angle_rad, speed_rad_s, np.array([SOON_S]), tolerance)
-        acceleration = (soon.speed_rad_s[0] - speed_rad_s) / SOON_S
-        lag_s = self.readings.angle_lag_s
-        angle, speed = angle_rad + lag_s * speed_rad_s, speed_rad_s + lag_s * acceleration
-        motion = self._simulate(laws, angle, speed, t_s, tolerance)
-        angles = _read(t_s, angle, motion.angle_rad, angle_rad, lag_s)
-        speeds = _read(t_s, speed, motion.speed_rad_s, speed_rad_s, lag_s)
-        late_speed = speed_rad_s - self.readings.speed_lag_s * acceleration
-        return Swing(t_s, angles, _read(t_s, speed_rad_s, speeds, late_speed, self.readings.speed_lag_s))
+        """The same read with a lag: tau y' = x - y. At the start x = y + tau y' for the angle, y = x - tau x' + tau^2 x'' for the speed."""
+        lag_s, more_s = self.readings.angle_lag_s, self.readings.speed_lag_s
+        angle, speed = angle_rad + lag_s * speed_rad_s, speed_rad_s
+        for _ in range(2 if lag_s > 0.0 else 1):  # acceleration and jerk are those of the true state, which they help to find
+            soon = self._simulate(laws, angle, speed, np.array([1.0, 2.0]) * SOON_S, tolerance).speed_rad_s
+            acceleration = (4.0 * soon[0] - soon[1] - 3.0 * speed) / (2.0 * SOON_S)
+            jerk = (soon[1] - 2.0 * soon[0] + speed) / SOON_S**2
+            speed = speed_rad_s + lag_s * acceleration - lag_s**2 * jerk
+        times = np.union1d(t_s, np.arange(SOON_S, t_s[-1], SOON_S))  # straight lines between samples would cut the corners of slow ones
+        motion = self._simulate(laws, angle, speed, times, tolerance)
+        angles = _read(times, angle, motion.angle_rad, angle_rad, lag_s)
+        speeds = _read(times, speed, motion.speed_rad_s, speed_rad_s, lag_s)
+        late_speed = speed_rad_s - more_s * acceleration + more_s**2 * jerk
+        speeds = _read(times, speed_rad_s, speeds, late_speed, more_s)
+        kept = np.searchsorted(times, t_s)
+        return Swing(t_s, angles[kept], speeds[kept])
 
     def _begin(self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats) -> State:
         """Laws with memory remember a turn at even speed, so that friction is fully there from the start in a joint that moves."""
