@@ -196,14 +196,20 @@ _SHIFTS: Mapping[str, Callable[[PendulumLink, float], PendulumLink]] = {
 }
 
 
+def sample_noise(run: PendulumRun, noise_std: Mapping[str, float]) -> Floats:
+    """Standard deviation of one sample of the angles and, where recorded, the speeds of each joint, (1 or 2, n): as stated, or found."""
+    channels = [run.angle_rad] if run.speed_rad_s is None else [run.angle_rad, run.speed_rad_s]
+    stated = [noise_std.get(name) for name in ("angle_rad", "speed_rad_s")]
+    return np.stack([np.full(c.shape[1], s) if s else _noise(c) for c, s in zip(channels, stated, strict=False)])
+
+
 def _windows(
     place: int, run: PendulumRun, noise_std: Mapping[str, float], cut_s: tuple[float, float], ready: DrivenPendulum
 ) -> list[SwingWindow]:
     window_s, _ = cut_s
+    noise = sample_noise(run, noise_std)
     starts = np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - window_s, window_s)
     channels = [run.angle_rad] if run.speed_rad_s is None else [run.angle_rad, run.speed_rad_s]
-    stated = [noise_std.get(name) for name in ("angle_rad", "speed_rad_s")]
-    noise = np.stack([np.full(c.shape[1], s) if s else _noise(c) for c, s in zip(channels, stated, strict=False)])
     return [_window(place, run, float(start_s), cut_s, channels, noise, ready) for start_s in starts]
 
 

@@ -16,6 +16,7 @@ from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.pendulum import Pendulum, PendulumLink, driven, rods
 
 DATA = Path(__file__).parents[1] / "data" / "dfki-pendulum"
+REAL_FREE = Path(__file__).parents[1] / "data" / "pendulums" / "free-swing"
 FRICTION_Nm = 0.17  # what the authors' runs with the light weight say
 
 
@@ -53,6 +54,42 @@ def test_what_is_printed_beside_the_name_hangs_together(simple):
     assert all(figure.after < 0.7 * figure.before for figure in simple.held_out.values())
     assert {overlay.signal for overlay in simple.overlays} == {"angle1_rad", "speed1_rad_s"}
     assert not set(named) & {other.id for other in simple.not_seen}
+
+
+def test_where_model_and_recordings_differ_is_located(simple):
+    assert simple.located
+    assert {place.signal for place in simple.located} <= {"angle1_rad", "speed1_rad_s"}
+    assert {place.phase for place in simple.located} <= {"differential dynamic programming", "direct collocation"}
+    assert {cell.condition for cell in simple.cells} == {overlay.condition for overlay in simple.overlays}
+
+
+def test_two_laws_of_friction_are_told_apart_by_an_experiment_within_what_the_rig_has_done(simple):
+    (effect,) = simple.effects
+    proposal = simple.next_experiment
+    assert {"joint_friction", "joint_stribeck"} == {effect.id, *effect.cannot_tell_from}
+    one, other, expected = proposal["separates"][0]
+    assert {one, other} == {"joint_friction", "joint_stribeck"}
+    assert expected > 3.0
+    assert proposal["kind"] in ("release", "sine torque")
+    assert proposal["protocol"] is None
+
+
+@pytest.fixture(scope="module")
+def free():
+    return diagnosed(read_pendulum_campaign(REAL_FREE))
+
+
+def test_a_real_rod_that_nothing_drives_loses_energy_by_some_friction_or_drag(free):
+    dissipation = {"hinge_viscous_damping", "joint_friction", "joint_stribeck", "fluid_drag"}
+    assert set(free.rivals[0].ids) <= dissipation
+    assert "torque_scale" not in free.settings["effects_tried"]
+
+
+def test_what_is_not_claimed_says_how_much_of_the_held_out_error_it_would_take_away(free):
+    assert free.verdict == "unexplained"
+    (text,) = [each for each in free.unexplained if "rms on held-out stretches falls" in each]
+    before, after = text.rsplit("rad ", 1)[1].split(" to ")
+    assert float(after) < 0.5 * float(before)
 
 
 def test_where_the_friction_is_believed_nothing_is_claimed_of_the_same_recordings():

@@ -37,7 +37,7 @@ def diagnosed(*runs):
     return diagnose_pendulum(PendulumCampaign("made by scipy", NOMINAL, KNOWN_TO, NOISE, runs), lambda *_: None)
 
 
-def stribeck(w, tau):  # noqa: ARG001
+def stribeck(w, tau):
     return 2.0 / np.pi * np.arctan(w / 5e-3) * (0.12 + 0.12 * np.exp(-((w / 0.8) ** 2)))
 
 
@@ -45,7 +45,7 @@ def loss(w, tau):
     return 0.25 * abs(tau) * np.tanh(w / 1e-2)
 
 
-def none(w, tau):  # noqa: ARG001
+def none(w, tau):
     return 0.0
 
 

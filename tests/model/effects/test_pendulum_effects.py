@@ -29,7 +29,7 @@ def lagged(tau_s):
     return lambda t: sum(a * np.imag(np.exp(1j * w * t) / (1.0 + 1j * w * tau_s)) for a, w in parts)
 
 
-def by_scipy(torque=command, friction=lambda w, tau: 0.0, inertia=0.0, read_s=0.0):
+def by_scipy(torque=command, friction=lambda *_: 0.0, inertia=0.0, read_s=0.0):
     """Angles and speeds at T from 0.8 rad at rest, and readings through a lag of `read_s`; the readings at t = 0 come first."""
 
     def rhs(t, x):
@@ -50,7 +50,7 @@ def ours(start, effects=(), **nominal):
     return swing(pendulum, trace, np.array([start[0]]), np.array([start[1]]), T, present, TIGHT)
 
 
-def smooth_stribeck(w, tau):  # noqa: ARG001
+def smooth_stribeck(w, tau):
     return 0.15 * np.tanh(w / 2e-3) * (1.0 + 0.8 * np.exp(-abs(w) / 0.6))
 
 
