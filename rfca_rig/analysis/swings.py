@@ -22,6 +22,10 @@ Places = NDArray[np.intp]
 SMOOTHED_S = 0.06  # to either side of a window's start
 DEGREE = 5  # of the polynomial there: a cubic is too stiff for the second link of a double pendulum
 BIN_S = 0.02
+MARGIN_S = 0.1  # of torque before and after a window: twice the longest delay, and two of the longest lags, that are plausible
+
+
+TORQUE_ERROR = 0.01  # usual error of joint torques where [known_to] has no torque_error_relative: that of a torque sensor
 
 
 @dataclass(frozen=True)
@@ -75,13 +79,15 @@ class SwingProblem:
 
     `conditions` names the groups of rows, one per run; `groups` (m,) is the place of a row's run in it. Rows of a group share their
     faults, rows of different groups do not. `windows_of_row` (m,), `signals` and `signal_of_row` (m,), `t_s` (m,) tell where in the
-    runs a row lies; `measured` and `noise_std` are (m,), angles in rad and speeds in rad/s.
+    runs a row lies; `measured` and `noise_std` are (m,), angles in rad and speeds in rad/s. `torque_error` is the usual error of the
+    torques, recorded or of the model, as a share of what acts in the joint.
     """
 
     pendulum: Pendulum
     nuisances: tuple[Nuisance, ...]
     conditions: tuple[str, ...]
     windows: tuple[SwingWindow, ...]
+    torque_error: float = TORQUE_ERROR
 
     @property
     def measured(self) -> Floats:
@@ -133,21 +139,27 @@ class SwingProblem:
 
 def swings_of(campaign: PendulumCampaign, window_s: float = 0.5, bin_s: float = BIN_S) -> SwingProblem:
     """All windows of all runs, cut into bins. Raises BadInput where no run is long enough for one."""
-    links = range(1, len(campaign.pendulum.links) + 1)
-    nuisances = tuple(Nuisance(f"link{link}.{key}", std) for link in links for key, std in campaign.known_to.items())
+    powered = any(run.powered for run in campaign.runs)
+    nuisances = tuple(
+        Nuisance(f"link{place}.{key}", std)
+        for place, link in enumerate(campaign.pendulum.links, start=1)
+        for key, std in campaign.known_to.items()
+        if key != "torque_error_relative" and (key not in OF_DRIVES or (link.driven and powered))
+    )
     ready = driven(campaign.pendulum)
     windows = tuple(
         w for place, run in enumerate(campaign.runs) for w in _windows(place, run, campaign.noise_std, (window_s, bin_s), ready)
     )
     if not windows:
         raise BadInput(f"no run of {campaign.title} is longer than {window_s + 2 * SMOOTHED_S:g} s, which a window of {window_s:g} s needs")
-    return SwingProblem(campaign.pendulum, nuisances, tuple(run.label for run in campaign.runs), windows)
+    torque_error = campaign.known_to.get("torque_error_relative", TORQUE_ERROR)
+    return SwingProblem(campaign.pendulum, nuisances, tuple(run.label for run in campaign.runs), windows, torque_error)
 
 
 def shifted(pendulum: Pendulum, nuisances: Mapping[str, float]) -> Pendulum:
     """The pendulum with believed values off by so much; keys are `link1.mass_relative` and so on, as in [known_to].
 
-    Damping and friction end at 0. Raises BadInput for another key, and for values that no pendulum has.
+    Damping, friction and rotor end at 0. Raises BadInput for another key, and for values that no pendulum has.
     """
     links = list(pendulum.links)
     for name, value in nuisances.items():
@@ -169,6 +181,8 @@ def _centre(link: PendulumLink, by_m: float) -> PendulumLink:
     return replace(link, centre_of_mass_m=centre, inertia_kg_m2=link.inertia_kg_m2 + link.mass_kg * (centre**2 - link.centre_of_mass_m**2))
 
 
+OF_DRIVES = ("torque_offset_Nm", "torque_delay_s")  # without a driven run they change nothing
+
 _SHIFTS: Mapping[str, Callable[[PendulumLink, float], PendulumLink]] = {
     "mass_relative": _mass,
     "centre_of_mass_m": _centre,
@@ -176,17 +190,26 @@ _SHIFTS: Mapping[str, Callable[[PendulumLink, float], PendulumLink]] = {
     "joint_damping_Nm_s_per_rad": lambda link, by: replace(link, joint_damping_Nm_s_per_rad=max(0.0, link.joint_damping_Nm_s_per_rad + by)),
     "joint_friction_Nm": lambda link, by: replace(link, joint_friction_Nm=max(0.0, link.joint_friction_Nm + by)),
     "torque_offset_Nm": lambda link, by: replace(link, torque_offset_Nm=link.torque_offset_Nm + by),
+    "zero_offset_rad": lambda link, by: replace(link, zero_offset_rad=link.zero_offset_rad + by),
+    "torque_delay_s": lambda link, by: replace(link, torque_delay_s=link.torque_delay_s + by),
+    "rotor_inertia_kg_m2": lambda link, by: replace(link, rotor_inertia_kg_m2=max(0.0, link.rotor_inertia_kg_m2 + by)),
 }
+
+
+def sample_noise(run: PendulumRun, noise_std: Mapping[str, float]) -> Floats:
+    """Standard deviation of one sample of the angles and, where recorded, the speeds of each joint, (1 or 2, n): as stated, or found."""
+    channels = [run.angle_rad] if run.speed_rad_s is None else [run.angle_rad, run.speed_rad_s]
+    stated = [noise_std.get(name) for name in ("angle_rad", "speed_rad_s")]
+    return np.stack([np.full(c.shape[1], s) if s else _noise(c) for c, s in zip(channels, stated, strict=False)])
 
 
 def _windows(
     place: int, run: PendulumRun, noise_std: Mapping[str, float], cut_s: tuple[float, float], ready: DrivenPendulum
 ) -> list[SwingWindow]:
     window_s, _ = cut_s
+    noise = sample_noise(run, noise_std)
     starts = np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - window_s, window_s)
     channels = [run.angle_rad] if run.speed_rad_s is None else [run.angle_rad, run.speed_rad_s]
-    stated = [noise_std.get(name) for name in ("angle_rad", "speed_rad_s")]
-    noise = np.stack([np.full(c.shape[1], s) if s else _noise(c) for c, s in zip(channels, stated, strict=False)])
     return [_window(place, run, float(start_s), cut_s, channels, noise, ready) for start_s in starts]
 
 
@@ -216,11 +239,12 @@ def _window(
 
 
 def _trace(run: PendulumRun, start_s: float, window_s: float) -> TorqueTrace:
-    """Torques from the start on, with the sample before it and behind the end."""
-    after = (run.t_s > start_s) & (run.t_s < start_s + window_s)
-    t_s = np.concatenate([[start_s], run.t_s[after], [start_s + window_s]])
+    """Torques of the window with a margin on both sides, as far as the run has one, for drives that are late or early."""
+    begin_s, end_s = max(run.t_s[0], start_s - MARGIN_S), min(run.t_s[-1], start_s + window_s + MARGIN_S)
+    between = (run.t_s > begin_s) & (run.t_s < end_s)
+    t_s = np.concatenate([[begin_s], run.t_s[between], [end_s]])
     torque = np.column_stack([np.interp(t_s, run.t_s, column) for column in run.torque_Nm.T])
-    return torque_trace(t_s - start_s, torque)
+    return replace(torque_trace(t_s - start_s, torque), powered=run.powered)
 
 
 def _start(run: PendulumRun, start_s: float, noise: Floats) -> tuple[Floats, Floats, Floats, Floats]:

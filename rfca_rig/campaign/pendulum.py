@@ -9,12 +9,15 @@ The folder holds pendulum.toml and a CSV file per run:
     mass_kg = 0.6
     centre_of_mass_m = 0.4                 # from the joint
     inertia_kg_m2 = 0.11                   # about the joint
-    joint_damping_Nm_s_per_rad = 0.0       # this and the next three may be left out: 0, 0, 0, true
+    joint_damping_Nm_s_per_rad = 0.0       # this and the next six may be left out: 0, and true for `driven`
     joint_friction_Nm = 0.0
+    rotor_inertia_kg_m2 = 0.0              # of the motor's rotor, times the gear ratio squared
     torque_offset_Nm = 0.0                 # added to the recorded torque
-    driven = true                          # false: no torque acts but those above
-    [known_to]                             # one-sigma of the believed values; what is left out counts as exact
-    mass_relative = 0.02                   # with the mass goes the inertia
+    torque_delay_s = 0.0                   # the torque acts so much later than recorded
+    zero_offset_rad = 0.0                  # the angle is read so much larger than it is
+    driven = true                          # false: the joint has no motor
+    [known_to]                             # standard uncertainty of the nominal values; a key that is missing counts as exact
+    mass_relative = 0.02                   # the inertia changes with the mass; docs/pendulums.md lists all keys
     [columns]                              # what the columns of the CSV files are called; angles from hanging straight,
     t_s = "time"                           # angle2 from the straight line of link 1
     angle1_rad = "pos1"                    # angle2_rad, speed1_rad_s, speed2_rad_s, torque1_Nm, torque2_Nm alike
@@ -25,6 +28,7 @@ The folder holds pendulum.toml and a CSV file per run:
     repeat = 1
     from_s = 0.0                           # the part that counts; optional
     to_s = 5.0
+    driven = false                         # the motors were off; optional: otherwise they were unless all torques are 0
 """
 
 from dataclasses import dataclass
@@ -46,7 +50,10 @@ FEWEST_SAMPLES = 10
 
 @dataclass(frozen=True)
 class PendulumRun:
-    """One recording: times (m,), joint angles and torques (m, n), speeds (m, n) or None. Joints that are not driven have torque 0."""
+    """One recording: times (m,), joint angles and torques (m, n), speeds (m, n) or None.
+
+    Joints that are not driven have torque 0, and so has a run that is not `powered`.
+    """
 
     label: str
     condition: str
@@ -55,6 +62,7 @@ class PendulumRun:
     angle_rad: Floats
     speed_rad_s: Floats | None
     torque_Nm: Floats
+    powered: bool = True
 
 
 @dataclass(frozen=True)
@@ -91,11 +99,12 @@ def _link(link: LinkSection) -> PendulumLink:
 
 def _check_columns(path: Path, described: PendulumFile) -> None:
     """Every joint has its angle, every driven one its torque; nothing is named for a joint that is not there."""
-    columns = described.columns
+    columns, powered = described.columns, any(run.driven is not False for run in described.runs)
     for joint, link in enumerate(described.links, start=1):
-        for quantity, needed in ((f"angle{joint}_rad", True), (f"torque{joint}_Nm", link.driven)):
+        for quantity, needed in ((f"angle{joint}_rad", True), (f"torque{joint}_Nm", link.driven and powered)):
             if needed and columns.of(quantity) is None:
-                raise BadInput(f"{place_of(path, ('columns',))}: columns.{quantity}: missing; name the CSV column that holds it")
+                hint = ", or give driven = false for runs with the motors off" if quantity.startswith("torque") else ""
+                raise BadInput(f"{place_of(path, ('columns',))}: columns.{quantity}: missing; name the CSV column that holds it{hint}")
     if described.link2 is None:
         for quantity in ("angle2_rad", "speed2_rad_s", "torque2_Nm"):
             if columns.of(quantity) is not None:
@@ -129,9 +138,10 @@ def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> Pend
         raise BadInput(f"{table.path}: {inside.sum()} samples between from_s and to_s; needs {FEWEST_SAMPLES} or more")
     speeds = [f"speed{joint}_rad_s" for joint in joints]
     torques = [
-        _column(table, values, columns, f"torque{joint}_Nm") if link.driven else np.zeros(len(t_s))
+        _column(table, values, columns, f"torque{joint}_Nm") if link.driven and run.driven is not False else np.zeros(len(t_s))
         for joint, link in zip(joints, described.links, strict=True)
     ]
+    torque_Nm = np.column_stack(torques)[inside]
     angles = [_column(table, values, columns, f"angle{joint}_rad") for joint in joints]
     has_speeds = all(columns.of(speed) for speed in speeds)
     return PendulumRun(
@@ -141,14 +151,18 @@ def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> Pend
         t_s=t_s[inside],
         angle_rad=np.column_stack(angles)[inside],
         speed_rad_s=np.column_stack([_column(table, values, columns, speed) for speed in speeds])[inside] if has_speeds else None,
-        torque_Nm=np.column_stack(torques)[inside],
+        torque_Nm=torque_Nm,
+        powered=bool(torque_Nm.any()) if run.driven is None else run.driven,
     )
 
 
 def _column(table: Table, values: Floats, columns: ColumnsSection, quantity: str) -> Floats:
     name = columns.of(quantity)
     if name not in table.names:
-        raise BadInput(f"{table.path}:1: column {name}, which is to hold {quantity}, is missing; the file has {', '.join(table.names)}")
+        hint = "; if the motors were off, give driven = false for this run" if quantity.startswith("torque") else ""
+        raise BadInput(
+            f"{table.path}:1: column {name}, which is to hold {quantity}, is missing; the file has {', '.join(table.names)}{hint}"
+        )
     return np.ascontiguousarray(values[:, table.names.index(name)])
 
 

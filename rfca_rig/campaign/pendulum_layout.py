@@ -9,6 +9,8 @@ from rfca_rig.description.sections import NotNegative, Positive, Section
 FORMAT = "rfca-pendulum/1"
 FILE_NAME = "pendulum.toml"
 
+LONGEST_DELAY_S = 0.05  # of a torque against the angles; swings are cut with a margin of twice that
+
 Text = Annotated[str, Field(min_length=1)]
 
 
@@ -23,6 +25,9 @@ class LinkSection(Section):
     joint_friction_Nm: NotNegative = 0.0
     torque_offset_Nm: float = 0.0
     driven: bool = True
+    zero_offset_rad: float = 0.0
+    torque_delay_s: Annotated[float, Field(ge=-LONGEST_DELAY_S, le=LONGEST_DELAY_S)] = 0.0
+    rotor_inertia_kg_m2: NotNegative = 0.0
 
     @model_validator(mode="after")
     def _turns_heavily_enough(self) -> Self:
@@ -33,7 +38,7 @@ class LinkSection(Section):
 
 
 class KnownToPendulum(Section):
-    """[known_to]: one standard deviation of each believed value, of each link for itself. What is not listed counts as exact."""
+    """[known_to]: the standard uncertainty of each nominal value, of each link for itself. What is not listed counts as exact."""
 
     mass_relative: Positive | None = None
     centre_of_mass_m: Positive | None = None
@@ -41,6 +46,10 @@ class KnownToPendulum(Section):
     joint_damping_Nm_s_per_rad: Positive | None = None
     joint_friction_Nm: Positive | None = None
     torque_offset_Nm: Positive | None = None
+    zero_offset_rad: Positive | None = None
+    torque_delay_s: Annotated[float, Field(gt=0.0, le=LONGEST_DELAY_S / 2)] | None = None
+    rotor_inertia_kg_m2: Positive | None = None
+    torque_error_relative: Annotated[float, Field(ge=0.001, le=0.2)] | None = None
 
 
 class ColumnsSection(Section):
@@ -68,13 +77,17 @@ class NoiseSection(Section):
 
 
 class PendulumRunSection(Section):
-    """One recording: its file, its condition in words, its repeat, and the part of it that counts."""
+    """One recording: its file, its condition in words, its repeat, and the part of it that counts.
+
+    `driven` false: the motors were off. Where it is not given, a run whose torques are all zero counts as one.
+    """
 
     file: Text
     condition: Text
     repeat: Annotated[int, Field(ge=1)] = 1
     from_s: float | None = None
     to_s: float | None = None
+    driven: bool | None = None
 
     @field_validator("file")
     @classmethod

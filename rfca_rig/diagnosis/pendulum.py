@@ -6,7 +6,7 @@ from dataclasses import replace
 from rfca_rig.analysis.swings import SwingProblem, swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.crew.cores import algebra_on_one_thread
-from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
+from rfca_rig.diagnosis.candidate_effects import describe_exclusions
 from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.data.pendulum_windows import BIN_S, WINDOW_S, stretches_of
 from rfca_rig.diagnosis.decision.decide import decide
@@ -14,13 +14,10 @@ from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.inference.pendulum_nuisances import space_of_pendulum
+from rfca_rig.diagnosis.pendulum_candidates import candidates_of
 from rfca_rig.diagnosis.pendulum_result import build_result
 from rfca_rig.diagnosis.result import Diagnosis
-from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import Effect
-
-OF_PENDULUMS = "pendulum-like rigs"
-ALSO = ("fluid_drag", "hinge_viscous_damping", "gravity_tilt")
 
 
 @algebra_on_one_thread()
@@ -40,13 +37,6 @@ def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: C
 
 def search_pendulum(problem: SwingProblem, progress: Progress, without: Collection[str] = ()) -> tuple[ModelSelectionResult, list[Effect]]:
     """The search over all effects that a pendulum may lack, and those effects."""
-    effects = select_candidates(_candidates(problem), without)
+    effects = candidates_of(problem, without)
     coordinates = Parameterization(space_of_pendulum(problem.pendulum, problem.nuisances))
     return search_models(make_dataset(stretches_of(problem)), coordinates, effects, progress), effects
-
-
-def _candidates(problem: SwingProblem) -> list[Effect]:
-    """What a pendulum may lack; without a drive its torque has no scale."""
-    idle = () if any(link.driven for link in problem.pendulum.links) else ("torque_scale",)
-    known = [effect for effect in catalogue().values() if effect.where == OF_PENDULUMS or effect.id in ALSO]
-    return [effect for effect in known if effect.id not in idle]

@@ -6,15 +6,19 @@ from dataclasses import asdict
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.analysis.swings import TORQUE_ERROR
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.diagnosis.data.observations import rms
 from rfca_rig.diagnosis.data.pendulum_windows import BIN_S, WINDOW_S
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
 from rfca_rig.diagnosis.decision.wording import describe, describe_unexplained
+from rfca_rig.diagnosis.experiment_design.pendulum_experiment import next_swing
 from rfca_rig.diagnosis.inference.hypotheses import PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN, Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.screening import projection_of
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import USUAL_ERROR
+from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Grade, NotSeen, Overlay, Value, Verdict
 from rfca_rig.diagnosis.result_builder import moved_priors, present_effects
 from rfca_rig.model.effect import Effect
@@ -32,6 +36,7 @@ def build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decisi
     is_stated = grade in ("identified", "mostly")
     explanation = decision.explanation if enough else found.nothing
     accepted = explanation if is_stated else found.nothing
+    cells, places = locate_mismatch(found.evidence.rows, found.believed, found.judge)
     supposed = accepted.fitted.coordinates.supposed(accepted.judgement.posterior.mean)
     effects_stated = decision.stated if is_stated else ()
     statement = decision.statement
@@ -39,8 +44,8 @@ def build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decisi
         title=campaign.title,
         verdict=verdict,
         sentence=_sentence(grade, decision, len(found.evidence.parts)),
-        located=(),
-        cells=(),
+        located=places,
+        cells=cells,
         effects=effects_stated,
         gates=decision.gates,
         rivals=decision.rivals[:12],
@@ -48,12 +53,12 @@ def build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decisi
         fit=_fit(found, explanation),
         held_out=_held_out(found, explanation),
         valley={},
-        unexplained=_unexplained(grade, decision),
+        unexplained=(*_unexplained(grade, decision), *_closest(verdict, found, decision)),
         remarks=(),
-        next_experiment=None,
+        next_experiment=next_swing(campaign, found, decision, enough),
         believed_values=_values(explanation),
         overlays=_overlays(found, explanation),
-        settings=_settings(found, effects),
+        settings=_settings(campaign, found, effects),
         found_effects=present_effects(accepted),
         found_rig=supposed.rig,
         grade=grade,
@@ -87,6 +92,14 @@ def _unexplained(grade: Grade, decision: Decision) -> tuple[str, ...]:
         return ()
     closest = (f"closest is {' with '.join(decision.suspected.ids)}, not claimed",) if decision.suspected else ()
     return (*closest, *(f"{gate.name}: {gate.found}" for gate in decision.gates if not gate.passed))
+
+
+def _closest(verdict: Verdict, found: ModelSelectionResult, decision: Decision) -> tuple[str, ...]:
+    """What the suspected effects would do for data that they were not fitted to, though they are not claimed."""
+    if verdict != "unexplained" or decision.suspected is None:
+        return ()
+    figures = ", ".join(f"{name} {f.before:.2g} to {f.after:.2g}" for name, f in _held_out(found, decision.suspected).items())
+    return (f"with {' and '.join(decision.suspected.ids)} in the model, rms on held-out stretches falls: {figures}",) if figures else ()
 
 
 def _not_seen(found: ModelSelectionResult, accepted: Hypothesis, effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
@@ -145,10 +158,11 @@ def _overlays(found: ModelSelectionResult, accepted: Hypothesis) -> tuple[Overla
     )
 
 
-def _settings(found: ModelSelectionResult, effects: Sequence[Effect]) -> Mapping[str, object]:
+def _settings(campaign: PendulumCampaign, found: ModelSelectionResult, effects: Sequence[Effect]) -> Mapping[str, object]:
+    usual = campaign.known_to.get("torque_error_relative", TORQUE_ERROR)
     return {
-        "model_error_assumed": "half-normal, torques wrong by 1 %",
-        "model_error_found": float(found.nothing.judgement.error),
+        "model_error_assumed": f"half-normal, torques wrong by {100.0 * usual:g} %",
+        "model_error_found": float(found.nothing.judgement.error) * usual / USUAL_ERROR,
         "window_s": WINDOW_S,
         "bin_s": BIN_S,
         "conditions": len(found.evidence.parts),

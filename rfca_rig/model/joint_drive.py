@@ -1,44 +1,62 @@
 """A joint driven by a torque that is given over time, as a law of the compiled chain.
 
-The law's row of parameters is longer than that of an effect: behind the eight numbers of its use stands the torque's trace, evenly
-spaced and read by straight lines. The law keeps its own clock in the joint's memory.
+A law that reads the torque finds it behind the eight numbers of its use: the trace is evenly spaced and read by straight lines. Of the
+eight, the last three belong to the trace; the law keeps its own clock in the last place of the joint's memory.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
+from rfca_rig.model.effects.sensor_lag import lagged
 from rfca_rig.model.laws import HINGE, LawUse
-from rfca_rig.model.setup import PARAMETERS_AT_MOST
+from rfca_rig.model.setup import PARAMETERS_AT_MOST, Setup
 from rfca_rig.model.state import Laws
 
 Floats = NDArray[np.float64]
 
-FACTOR, STEP, COUNT, TRACE = 0, 1, 2, PARAMETERS_AT_MOST
+FACTOR, DELAY, LAG = 0, 1, 2  # of a drive
+STEP, COUNT, BEGIN, TRACE = 5, 6, 7, PARAMETERS_AT_MOST  # of every law that reads the torque
+CLOCK = 3  # place in the memory
 
 
 @dataclass(frozen=True)
 class TorqueTrace:
-    """Torques (m, n) of all joints, every `step_s` from t = 0 on; straight lines between, held beyond the last."""
+    """Torques (m, n) of all joints, every `step_s` from `begin_s` on; straight lines between, held before the first and beyond the last.
+
+    With `powered` False the motors were off: the torque's sensor then reads no offset either.
+    """
 
     step_s: float
     torque_Nm: Floats
+    begin_s: float = 0.0
+    powered: bool = True
 
 
 def torque_trace(t_s: Floats, torque_Nm: Floats) -> TorqueTrace:
-    """The trace of torques (m, n) recorded at ascending times (m,), from t = 0 on, at the recording's own spacing.
+    """The trace of torques (m, n) recorded at ascending times (m,), at the recording's own spacing.
 
     Raises BadInput where times and torques do not fit each other.
     """
     if t_s.shape != torque_Nm.shape[:1] or len(t_s) < 2 or (np.diff(t_s) <= 0.0).any():
         raise BadInput(f"torques of shape {torque_Nm.shape} at {len(t_s)} times: give one row per time, two or more, ascending")
-    step_s = float(np.median(np.diff(t_s)))
-    even = np.arange(int(np.ceil(max(t_s[-1], step_s) / step_s)) + 1) * step_s
-    return TorqueTrace(step_s, np.column_stack([np.interp(even, t_s, torque) for torque in torque_Nm.T]))
+    step_s, span_s = float(np.median(np.diff(t_s))), float(t_s[-1] - t_s[0])
+    even = t_s[0] + np.arange(int(np.ceil(max(span_s, step_s) / step_s - 1e-9)) + 1) * step_s
+    return TorqueTrace(step_s, np.column_stack([np.interp(even, t_s, torque) for torque in torque_Nm.T]), float(t_s[0]))
+
+
+@cast(Callable[[Callable[..., float]], Callable[..., float]], numba.njit(error_model="numpy"))
+def torque_at(t_s: float, parameter: Any) -> float:
+    """The recorded torque of the law's joint, for use inside of laws that read it."""
+    x = min(max((t_s - parameter[BEGIN]) / parameter[STEP], 0.0), parameter[COUNT] - 1.0)
+    i = min(int(x), int(parameter[COUNT]) - 2)
+    before, after = parameter[TRACE + i], parameter[TRACE + i + 1]
+    return float(before + (x - i) * (after - before))
 
 
 def torque(  # a law takes what its place offers, needed or not
@@ -50,32 +68,43 @@ def torque(  # a law takes what its place offers, needed or not
     memory: Any,
     parameter: Any,
 ) -> tuple[float, float, float]:
-    x = min((memory[0] + elapsed) / parameter[STEP], parameter[COUNT] - 1.0)
-    i = min(int(x), int(parameter[COUNT]) - 2)
-    before, after = parameter[TRACE + i], parameter[TRACE + i + 1]
-    return -parameter[FACTOR] * (before + (x - i) * (after - before)), 0.0, 0.0
+    return -torque_at(memory[CLOCK] + elapsed, parameter), 0.0, 0.0
 
 
 def advance(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> None:  # noqa: ARG001
-    memory[0] += elapsed
+    memory[CLOCK] += elapsed
 
 
-def drive_of(joint: int) -> LawUse:
-    """The drive of hinge `joint`, from 1."""
-    return LawUse(HINGE, torque, (1.0,), advance, joint)
+def drive_of(joint: int, delay_s: float = 0.0) -> LawUse:
+    """The drive of hinge `joint`, from 1; the recorded torque acts `delay_s` later than recorded."""
+    return LawUse(HINGE, torque, (1.0, delay_s, 0.0), advance, joint, reads_torque=True)
 
 
 def is_drive(use: LawUse) -> bool:
     return use.law is torque
 
 
+def with_drives(setup: Setup, effect_id: str, change: Callable[[tuple[float, ...]], tuple[float, ...]]) -> Setup:
+    """The setup with other numbers (factor, delay_s, lag_s) of its drives.
+
+    Raises BadInput for a rig without torque-driven joints, on which the effect would do nothing.
+    """
+    if not any(is_drive(use) for use in setup.laws):
+        raise BadInput(f"effect {effect_id}: no joint of this rig is driven by a recorded torque; leave it out")
+    return replace(setup, laws=tuple(replace(use, parameters=change(use.parameters)) if is_drive(use) else use for use in setup.laws))
+
+
 def with_traces(laws: Laws, uses: Sequence[LawUse], trace: TorqueTrace) -> Laws:
-    """`laws`, which are those of `uses`, with the trace of its joint behind the parameters of each drive."""
+    """`laws`, which are those of `uses`, with the torque behind the parameters of each law that reads it, as its joint's drive makes it."""
     count, width = len(trace.torque_Nm), laws.parameter.shape[1]
     parameter = np.zeros((len(uses), max(TRACE + count, width)))
     parameter[:, :width] = laws.parameter
+    drives = {use.only: use.parameters for use in uses if is_drive(use)}
+    t_s = trace.step_s * np.arange(count, dtype=np.float64)
     for row, use in zip(parameter, uses, strict=True):
-        if is_drive(use):
-            row[STEP], row[COUNT] = trace.step_s, count
-            row[TRACE : TRACE + count] = trace.torque_Nm[:, use.only - 1]
+        if use.reads_torque:
+            factor, delay_s, lag_s = drives.get(use.only, (0.0, 0.0, 0.0))
+            recorded = trace.torque_Nm[:, use.only - 1]
+            row[STEP], row[COUNT], row[BEGIN] = trace.step_s, count, trace.begin_s + delay_s
+            row[TRACE : TRACE + count] = factor * (lagged(t_s, recorded, lag_s) if lag_s > 0.0 else recorded)
     return laws._replace(parameter=parameter)

@@ -21,6 +21,9 @@ A law that needs more than 8 numbers takes them from its `table`, which stands f
 A HINGE or ROTOR law with memory brings a second function, called once after each accepted step, which may change `memory`:
 
     advance(phi, rate, elapsed, k0, k2, memory, parameter)
+
+A HINGE law on one joint of a pendulum may read the torque that was recorded there: with `reads_torque`, `joint_drive.torque_at` gives
+it. Such a law has five parameters of its own at most and counts its time in memory[3]; see `effects.joint_load_friction`.
 """
 
 from collections.abc import Callable
@@ -107,7 +110,10 @@ _WRAPPERS = {HINGE: _hinge, LINK: _link, SLIP: _slip, NORMAL: _normal, ROTOR: _r
 
 @dataclass(frozen=True)
 class LawUse:
-    """One law as an effect uses it: where, with which parameters (at most 8) and `table`, on which one hinge or link (-1 for all)."""
+    """One law as an effect uses it: where, with which parameters (at most 8) and `table`, on which one hinge or link (-1 for all).
+
+    `reads_torque`: whether it reads the torque that drives its joint.
+    """
 
     place: int
     law: Law
@@ -115,6 +121,7 @@ class LawUse:
     advance: Law | None = None
     only: int = -1
     table: tuple[float, ...] = ()
+    reads_torque: bool = False
 
 
 def compile_law(use: LawUse) -> None:

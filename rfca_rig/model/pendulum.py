@@ -6,7 +6,7 @@ straight line of the link before.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance, advance, laws_of, room_for
 from rfca_rig.model.effects.joint_friction import friction_of
+from rfca_rig.model.effects.joint_inertia import inertia_of
+from rfca_rig.model.effects.sensor_lag import lagged
 from rfca_rig.model.integrator import FIRST_STEP_S, remember
-from rfca_rig.model.joint_drive import TorqueTrace, drive_of, is_drive, with_traces
+from rfca_rig.model.joint_drive import CLOCK, TorqueTrace, drive_of, with_traces
 from rfca_rig.model.laws import HINGE, LINK, ROTOR, LawUse
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount
-from rfca_rig.model.setup import Setup, resolved
+from rfca_rig.model.setup import JointReadings, Setup, resolved
 from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Chain, Laws, State
 
@@ -28,6 +30,7 @@ Floats = NDArray[np.float64]
 FINE = Tolerance(1e-5, 3e-2)
 HANGING_RAD = 0.5 * np.pi  # of the compiled chain, which counts from the horizontal
 NO_GROUND_M = 1e6
+SOON_S = 5e-3  # over which acceleration and jerk at the start are taken: short against a swing, long against the integrator's error
 EVEN_S = 0.1  # for so long the joints are supposed to have turned at their first speed before the start
 
 
@@ -36,8 +39,9 @@ class PendulumLink:
     """One link and the joint that carries it.
 
     `length_m` to the next joint or to the tip; `centre_of_mass_m` from the joint along the link; `inertia_kg_m2` about the joint.
-    Viscous damping and dry friction of the joint are those believed. A `driven` joint turns under the recorded torque plus
-    `torque_offset_Nm`, any other under none.
+    Viscous damping and dry friction of the joint and the inertia of a rotor, as reflected to it by the gear, are nominal values. A
+    `driven` joint turns under the recorded torque plus `torque_offset_Nm`, `torque_delay_s` later than recorded; any other under none.
+    The joint's angle is read `zero_offset_rad` larger than it is.
     """
 
     length_m: float
@@ -48,6 +52,9 @@ class PendulumLink:
     joint_friction_Nm: float = 0.0
     torque_offset_Nm: float = 0.0
     driven: bool = True
+    zero_offset_rad: float = 0.0
+    torque_delay_s: float = 0.0
+    rotor_inertia_kg_m2: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -85,20 +92,47 @@ class DrivenPendulum:
     chain: Chain
     uses: tuple[LawUse, ...]
     laws: Laws
+    readings: JointReadings = field(default=JointReadings())
 
     def swing(self, trace: TorqueTrace, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance = FINE) -> Swing:
-        """The motion from `angle_rad`, `speed_rad_s` (n,) at t = 0; `t_s` (m,) ascending, above 0.
+        """The motion as it is read, from the readings `angle_rad`, `speed_rad_s` (n,) at t = 0; `t_s` (m,) ascending, above 0.
 
         Raises BadInput where the trace has not one torque per joint, SimulationFailed where the integrator cannot go on.
         """
         n = len(self.pendulum.links)
         if trace.torque_Nm.shape[1:] != (n,) or angle_rad.shape != (n,) or speed_rad_s.shape != (n,):
             raise BadInput(f"{n} joints, but torques of {trace.torque_Nm.shape[1:]}, angles of {angle_rad.shape}; give one per joint")
-        offset = np.array([link.torque_offset_Nm for link in self.pendulum.links])
-        laws = with_traces(self.laws, self.uses, TorqueTrace(trace.step_s, trace.torque_Nm + offset))
-        state, samples = self._begin(laws, angle_rad, speed_rad_s), room_for(t_s, n + 1)
+        offset = np.array([link.torque_offset_Nm if trace.powered else 0.0 for link in self.pendulum.links])
+        zero = np.array([link.zero_offset_rad for link in self.pendulum.links])
+        laws = with_traces(self.laws, self.uses, replace(trace, torque_Nm=trace.torque_Nm + offset))
+        if self.readings == JointReadings():
+            motion = self._simulate(laws, angle_rad - zero, speed_rad_s, t_s, tolerance)
+        else:
+            motion = self._simulate_lagged(laws, angle_rad - zero, speed_rad_s, t_s, tolerance)
+        return replace(motion, angle_rad=motion.angle_rad + zero)
+
+    def _simulate(self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance) -> Swing:
+        state, samples = self._begin(laws, angle_rad, speed_rad_s), room_for(t_s, len(angle_rad) + 1)
         advance(self.chain, FIXED.shaft(), state, (0.0, float(t_s[-1])), FIRST_STEP_S, tolerance, samples, laws)
         return Swing(t_s, np.diff(samples.q, axis=1), np.diff(samples.w, axis=1))
+
+    def _simulate_lagged(self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance) -> Swing:
+        """The same read with a lag: tau y' = x - y. At the start x = y + tau y' for the angle, y = x - tau x' + tau^2 x'' for the speed."""
+        lag_s, more_s = self.readings.angle_lag_s, self.readings.speed_lag_s
+        angle, speed = angle_rad + lag_s * speed_rad_s, speed_rad_s
+        for _ in range(2 if lag_s > 0.0 else 1):  # acceleration and jerk are those of the true state, which they help to find
+            soon = self._simulate(laws, angle, speed, np.array([1.0, 2.0]) * SOON_S, tolerance).speed_rad_s
+            acceleration = (4.0 * soon[0] - soon[1] - 3.0 * speed) / (2.0 * SOON_S)
+            jerk = (soon[1] - 2.0 * soon[0] + speed) / SOON_S**2
+            speed = speed_rad_s + lag_s * acceleration - lag_s**2 * jerk
+        times = np.union1d(t_s, np.arange(SOON_S, t_s[-1], SOON_S))  # straight lines between samples would cut the corners of slow ones
+        motion = self._simulate(laws, angle, speed, times, tolerance)
+        angles = _read(times, angle, motion.angle_rad, angle_rad, lag_s)
+        speeds = _read(times, speed, motion.speed_rad_s, speed_rad_s, lag_s)
+        late_speed = speed_rad_s - more_s * acceleration + more_s**2 * jerk
+        speeds = _read(times, speed_rad_s, speeds, late_speed, more_s)
+        kept = np.searchsorted(times, t_s)
+        return Swing(t_s, angles[kept], speeds[kept])
 
     def _begin(self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats) -> State:
         """Laws with memory remember a turn at even speed, so that friction is fully there from the start in a joint that moves."""
@@ -111,9 +145,18 @@ class DrivenPendulum:
             work.q[:] = q - ago_s * w
             remember(self.chain, laws, state, EVEN_S, work)
         for place, use in enumerate(self.uses):
-            if is_drive(use):
-                state.memory[place] = 0.0
+            if use.reads_torque:
+                state.memory[place, :, CLOCK] = 0.0
         return state
+
+
+def _read(t_s: Floats, first: Floats, then: Floats, reading: Floats, lag_s: float) -> Floats:
+    """What a first-order lag makes of `first` (n,) at t = 0 and `then` (m, n) at `t_s`, where it reads `reading` (n,) at t = 0."""
+    if lag_s <= 0.0:
+        return then
+    times = np.append(0.0, t_s)
+    at_rest = [lagged(times, np.append(x0, x), lag_s)[1:] for x0, x in zip(first, then.T, strict=True)]
+    return np.column_stack(at_rest) + np.exp(-t_s / lag_s)[:, None] * (reading - first)
 
 
 FIXED = ShaftMotion(np.array([0.0, 1.0]), np.array([[HANGING_RAD, 0.0, 0.0, 0.0]]), np.empty(0))
@@ -131,7 +174,7 @@ def driven(pendulum: Pendulum, effects: Sequence[PresentEffect] = ()) -> DrivenP
     laws = setup.compiled_laws(chain) or laws_of(())
     if chain.frame_mass > 0.0:
         raise BadInput("a pendulum hangs from a fixed joint; leave frame_compliance out")
-    return DrivenPendulum(pendulum, chain, setup.laws, laws)
+    return DrivenPendulum(pendulum, chain, setup.laws, laws, setup.joint_readings or JointReadings())
 
 
 def swing(
@@ -156,7 +199,12 @@ def rods(pendulum: Pendulum) -> RigModel:
 
 def _acts(before: Setup, after: Setup) -> bool:
     """Whether an effect changed anything that a pendulum has."""
-    parts = ((before.chain_changes, after.chain_changes), (before.laws, after.laws), (before.rig.leg, after.rig.leg))
+    parts = (
+        (before.chain_changes, after.chain_changes),
+        (before.laws, after.laws),
+        (before.rig.leg, after.rig.leg),
+        (before.joint_readings, after.joint_readings),
+    )
     changed = any(old is not new for old, new in parts)
     elsewhere = after.drive is not before.drive or any(use.place not in (HINGE, LINK, ROTOR) for use in after.laws)
     return changed and not elsewhere
@@ -165,9 +213,11 @@ def _acts(before: Setup, after: Setup) -> bool:
 def _set_up(pendulum: Pendulum) -> Setup:
     """The plain pendulum. Its leg is made of rods; lengths and believed damping hold, the masses are put right in the chain."""
     links = pendulum.links
-    drives = tuple(drive_of(joint) for joint, link in enumerate(links, start=1) if link.driven)
+    drives = tuple(drive_of(joint, link.torque_delay_s) for joint, link in enumerate(links, start=1) if link.driven)
     friction = tuple(friction_of(link.joint_friction_Nm, joint) for joint, link in enumerate(links, start=1) if link.joint_friction_Nm)
-    return Setup(rods(pendulum), NO_GROUND_M, FIXED, (lambda chain: _weighted(chain, pendulum),), drives + friction)
+    rotors = tuple(inertia_of(link.rotor_inertia_kg_m2, joint) for joint, link in enumerate(links, start=1) if link.rotor_inertia_kg_m2)
+    laws = drives + friction + rotors
+    return Setup(rods(pendulum), NO_GROUND_M, FIXED, (lambda chain: _weighted(chain, pendulum),), laws, joint_readings=JointReadings())
 
 
 def _weighted(chain: Chain, pendulum: Pendulum) -> Chain:

@@ -52,9 +52,18 @@ class SoftDrive:
 
 
 @dataclass(frozen=True)
+class JointReadings:
+    """How a pendulum's joint angles and speeds are read: through first-order lags of these time constants."""
+
+    angle_lag_s: float = 0.0
+    speed_lag_s: float = 0.0
+
+
+@dataclass(frozen=True)
 class Setup:
     """What is simulated. Effects replace what they change: `rig` and `height_m`, the `motion`, the finished `chain` through
-    `chain_changes`, laws inside it, the drive, what the sensor makes of it, or how what swings stands in the beginning.
+    `chain_changes`, laws inside it, the drive, what the sensor makes of it, or how what swings stands in the beginning. Only pendulums have
+    `joint_readings`.
     """
 
     rig: RigModel
@@ -65,6 +74,7 @@ class Setup:
     drive: SoftDrive | None = None
     sensor_changes: tuple[Callable[[Felt], Felt], ...] = field(default=())
     begins: tuple[Callable[[Chain, State], None], ...] = ()
+    joint_readings: JointReadings | None = None
 
     def chain(self) -> Chain:
         """The chain with all changes."""

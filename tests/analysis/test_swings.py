@@ -98,7 +98,7 @@ def test_nuisances_are_those_of_known_to_for_each_link():
 def test_every_key_of_known_to_moves_what_it_names():
     from rfca_rig.campaign.pendulum_layout import KnownToPendulum
 
-    for key in KnownToPendulum.model_fields:
+    for key in set(KnownToPendulum.model_fields) - {"torque_error_relative"}:  # that is the scale of the model's error
         moved = shifted(BELIEVED, {f"link2.{key}": 0.01})
         assert moved.links[0] == BELIEVED.links[0]
         assert moved.links[1] != BELIEVED.links[1]

@@ -37,7 +37,14 @@ def test_believed_values_and_how_well_they_are_known_are_those_of_the_file():
     campaign = read_pendulum_campaign(DATA / "double")
     assert campaign.pendulum.links[1].centre_of_mass_m == 0.2557
     assert campaign.pendulum.links[0].joint_friction_Nm == 0.0
-    assert campaign.known_to == {"mass_relative": 0.05, "centre_of_mass_m": 0.01, "joint_damping_Nm_s_per_rad": 0.003}
+    assert campaign.known_to == {
+        "mass_relative": 0.05,
+        "centre_of_mass_m": 0.01,
+        "joint_damping_Nm_s_per_rad": 0.003,
+        "zero_offset_rad": 0.005,
+        "torque_delay_s": 0.004,
+        "torque_error_relative": 0.03,
+    }
 
 
 def copied(folder: Path, name: str = "double") -> Path:

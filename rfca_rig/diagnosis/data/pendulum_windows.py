@@ -6,6 +6,7 @@ model does within a window counts, and all of a window's rows do not inherit one
 
 The model's own error refers to what wrong torques do: one of 1 % means that angles and speeds are off as the believed pendulum's are
 when the torque in each joint is off by 1 % of what weight and drive make there. Near the top, where small differences grow, that is much.
+Where `torque_error` says that the torques are known to another share than 1 %, that share counts as 1 %: the diagnosis calls 1 % usual.
 Neighbouring rows err alike, so that they do not count as independent.
 """
 
@@ -101,7 +102,7 @@ def _of_run(problem: SwingProblem, run: int) -> list[Stretch]:
     windows = [window for window in problem.windows if window.run == run]
     if not windows:
         return []
-    torque_Nm = _usual_torque_Nm(problem.pendulum, windows)
+    torque_Nm = usual_torque_Nm(problem.pendulum, windows) * problem.torque_error / USUAL_ERROR
     started = [_started(window, problem.pendulum, torque_Nm) for window in windows]
     count = max(1, round(len(windows) / WINDOWS_OF_STRETCH))
     bounds = np.linspace(0, len(windows), count + 1).round().astype(int)
@@ -120,7 +121,7 @@ def _condition(run: str) -> str:
     return run.rpartition(", repeat ")[0] or run
 
 
-def _usual_torque_Nm(pendulum: Pendulum, windows: Sequence[SwingWindow]) -> Floats:
+def usual_torque_Nm(pendulum: Pendulum, windows: Sequence[SwingWindow]) -> Floats:
     """Rms over the windows of what weight and drive make in each joint together, whichever way they point, (n,)."""
     square = sum(np.mean(_weight_Nm(pendulum, w.measured[0]) ** 2, axis=1) + np.mean(w.trace.torque_Nm**2, axis=0) for w in windows)
     return np.asarray(np.sqrt(square / len(windows)))

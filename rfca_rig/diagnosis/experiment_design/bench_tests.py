@@ -43,6 +43,18 @@ OFF_RIG = (
     OffRigTest("gauge block", 10.0, frozenset({"height_offset"}), "measure the shaft's height above the plate with a gauge block"),
     OffRigTest("weighing", 20.0, frozenset({"tip_mass", "added_mass"}), "take the leg off and weigh it link by link"),
     OffRigTest(
+        "weight on a lever",
+        20.0,
+        frozenset({"torque_scale"}),
+        "hold a known weight on a level lever with the motor and compare its moment with the recorded torque",
+    ),
+    OffRigTest(
+        "blocked step",
+        15.0,
+        frozenset({"torque_delay", "torque_lag"}),
+        "block the link against a force gauge, step the torque and compare the two in time",
+    ),
+    OffRigTest(
         "bench pull",
         30.0,
         frozenset({"stiffness_hardening", "damaged_hinge", "hinge_backlash", "hinge_stop"}),

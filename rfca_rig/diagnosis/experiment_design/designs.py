@@ -26,7 +26,7 @@ from rfca_rig.protocol.plan import Direction, Limits, Rates
 from rfca_rig.recording.form import Column, StaticStage, Stream, Stroke
 
 Floats = NDArray[np.float64]
-Kind = Literal["dynamic", "static", "slow reversal", "hold"]
+Kind = Literal["dynamic", "static", "slow reversal", "hold", "release", "sine torque"]  # the last two of pendulums
 Stages = tuple[tuple[float, Direction], ...]
 
 SET_UP_MIN = 2.0  # rack, start angle, arming, a look at the leg

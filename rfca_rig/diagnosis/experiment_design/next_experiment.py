@@ -60,7 +60,7 @@ def next_experiment(body: "PreparedData", verdicts: "Findings", enough: bool, li
     contests = _contests(verdicts, enough)
     options = [option for contest in contests for option in _options(body, verdicts, contest, enough, limits)]
     if options:
-        return _proposal(_chosen(options))
+        return proposal_of(choose_option(options))
     return None if enough else _one_more_condition(body, verdicts, limits)
 
 
@@ -71,7 +71,7 @@ def _contests(verdicts: "Findings", enough: bool) -> list[OpenHypotheses]:
     return [contest for f, d in found if (contest := contest_of(f, d, enough)) is not None]
 
 
-def _chosen(options: Sequence[Option]) -> Option:
+def choose_option(options: Sequence[Option]) -> Option:
     """The gentlest of those that are about as good as the best; of its numbers of repeats, the better."""
     best = max(option.score for option in options)
     return min((option for option in options if option.score >= AS_GOOD_AS * best), key=lambda option: (option.load, -option.score))
@@ -86,9 +86,9 @@ def _options(body: "PreparedData", verdicts: "Findings", contest: OpenHypotheses
     candidates: list[Candidate] = list(_flaps(body, room, of_shaft))
     if enough and not of_shaft:
         candidates += _stages(body, verdicts, room)
-    yield from _on_the_rig(contest, candidates)
+    yield from on_rig_options(contest, candidates)
     if enough:
-        yield from _off_the_rig(contest)
+        yield from off_rig_options(contest)
 
 
 def _room(body: "PreparedData", verdicts: "Findings", limits: Limits | None) -> FeasibleRegion:
@@ -112,7 +112,7 @@ def _stages(body: "PreparedData", verdicts: "Findings", room: FeasibleRegion) ->
     return [StageCandidate(kind, height_m, room, body.noise_std) for kind in SEQUENCES for height_m in heights]
 
 
-def _on_the_rig(contest: OpenHypotheses, candidates: Iterable[Candidate]) -> Iterator[Option]:
+def on_rig_options(contest: OpenHypotheses, candidates: Iterable[Candidate]) -> Iterator[Option]:
     """The candidates in the order of what they could yield at most, gentle ones first, until no other can be clearly better."""
     views = [(candidate, view) for candidate in candidates if (view := _seen(contest, candidate)) is not None]
     bounds = [(_worth(contest, view.at_most(max(c.repeats)), c.minutes(min(c.repeats))), c, view) for c, view in views]
@@ -173,7 +173,8 @@ def _pairs(contest: OpenHypotheses, gained: Floats) -> tuple[tuple[str, str, flo
     return tuple((names[k], names[j], round(float(mean[k, j]), 1)) for k, j in pairs)
 
 
-def _off_the_rig(contest: OpenHypotheses) -> Iterator[Option]:
+def off_rig_options(contest: OpenHypotheses) -> Iterator[Option]:
+    """The bench tests that would decide something about the contest."""
     for test in OFF_RIG:
         gained = _decided_by(test, contest.open)
         if gained.any():
@@ -185,7 +186,8 @@ def _decided_by(test: OffRigTest, hypotheses: Sequence[Hypothesis]) -> Floats:
     return np.array([[CERTAIN * test.separates(one.ids, other.ids) for other in hypotheses] for one in hypotheses])
 
 
-def _proposal(option: Option) -> dict[str, object]:
+def proposal_of(option: Option) -> dict[str, object]:
+    """The option as a diagnosis states it."""
     one, other, gained = option.pairs[0]
     reason = f"it tells {one} from {other}, log evidence {gained:.0f} expected, and yields most per minute of all that was considered"
     return {

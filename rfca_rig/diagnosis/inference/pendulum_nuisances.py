@@ -9,7 +9,7 @@ from rfca_rig.analysis.fitting.parameters import Parameter, Space, Supposed
 from rfca_rig.analysis.swings import Nuisance
 from rfca_rig.model.pendulum import Pendulum, rods
 
-NEVER_NEGATIVE = ("joint_damping_Nm_s_per_rad", "joint_friction_Nm")
+NEVER_NEGATIVE = ("joint_damping_Nm_s_per_rad", "joint_friction_Nm", "rotor_inertia_kg_m2")
 SOFTNESS = 0.3  # of a standard deviation: how roundly a value that is never negative approaches zero
 
 

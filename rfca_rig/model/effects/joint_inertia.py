@@ -13,8 +13,13 @@ def torque(
     return parameter[0] * acceleration, 0.0, 0.0, parameter[0]
 
 
+def inertia_of(inertia_kg_m2: float, joint: int = -1) -> LawUse:
+    """The law on one joint, from 1, or on all."""
+    return LawUse(ROTOR, torque, (inertia_kg_m2,), None, joint)
+
+
 def apply(setup: Setup, values: Values) -> Setup:
-    return with_law(setup, LawUse(ROTOR, torque, (values["inertia_kg_m2"],)))
+    return with_law(setup, inertia_of(values["inertia_kg_m2"]))
 
 
 EFFECT = Effect(

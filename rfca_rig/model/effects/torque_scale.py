@@ -1,19 +1,13 @@
 """Joints that turn with another torque than recorded: a wrong torque constant of the motors, or losses in proportion to the torque."""
 
-from dataclasses import replace
-
-from rfca_rig.errors import BadInput
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.joint_drive import is_drive
+from rfca_rig.model.joint_drive import with_drives
 from rfca_rig.model.setup import Setup
 
 
 def apply(setup: Setup, values: Values) -> Setup:
     """Raises BadInput for a rig without torque-driven joints, on which it would do nothing."""
-    if not any(is_drive(use) for use in setup.laws):
-        raise BadInput("effect torque_scale: no joint of this rig is driven by a recorded torque; leave it out")
-    laws = (replace(use, parameters=(use.parameters[0] * values["factor"],)) if is_drive(use) else use for use in setup.laws)
-    return replace(setup, laws=tuple(laws))
+    return with_drives(setup, "torque_scale", lambda drive: (drive[0] * values["factor"], *drive[1:]))
 
 
 EFFECT = Effect(

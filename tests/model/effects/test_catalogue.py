@@ -38,6 +38,13 @@ PARAMETERS = {
     "joint_inertia": ("inertia_kg_m2",),
     "torque_scale": ("factor",),
     "added_mass": ("mass_kg",),
+    "joint_friction_of_one": ("joint", "torque_Nm"),
+    "joint_stribeck": ("torque_Nm", "rise_relative", "speed_rad_s"),
+    "joint_load_friction": ("loss_relative",),
+    "torque_delay": ("delay_s",),
+    "torque_lag": ("time_constant_s",),
+    "angle_lag": ("time_constant_s",),
+    "speed_lag": ("time_constant_s",),
 }
 
 
