@@ -8,7 +8,7 @@ from typing import Any
 
 from rfca_rig.errors import BadInput
 
-FORMAT = "rfca-diagnosis/1"
+FORMATS = ("rfca-diagnosis/1", "rfca-diagnosis/2")
 NOTHING, NAMED, UNEXPLAINED, NOT_ENOUGH, REFUSED = VERDICTS = ("nothing missing", "named", "unexplained", "not enough data", "refused")
 
 Value = tuple[float, float]
@@ -34,27 +34,45 @@ class Said:
     """A diagnosis. `verdict` is "refused" where the campaign was turned down as unusable, with an error instead of a diagnosis.
 
     `claims` are all effects listed; they count as named where the verdict says so. `held_out_fz_N` is (before, after, noise floor).
+    Of rfca-diagnosis/2: `grade`, the stated `family` and its or the effects' `probability`, and the `place` of something unlisted.
     """
 
     verdict: str
     claims: tuple[Claim, ...] = ()
     held_out_fz_N: tuple[float, float, float] | None = None
+    grade: str = ""
+    family: str = ""
+    probability: float = 0.0
+    place: str = ""
 
     @property
     def named(self) -> tuple[Claim, ...]:
         """The claims that the diagnosis stands by."""
         return self.claims if self.verdict == NAMED else ()
 
+    @property
+    def stated(self) -> tuple[Claim, ...]:
+        """The effects that are stated at any grade."""
+        return self.claims if self.grade in ("identified", "mostly") else self.named
+
 
 def said_in(diagnosis: Mapping[str, Any], where: str = "diagnosis") -> Said:
     """A diagnosis from the data of its file. Raises BadInput, naming `where` and the key, for what the format does not allow."""
-    if diagnosis.get("format") != FORMAT:
-        raise BadInput(f"{where}: format {diagnosis.get('format')!r} should be {FORMAT!r}")
+    if diagnosis.get("format") not in FORMATS:
+        raise BadInput(f"{where}: format {diagnosis.get('format')!r} should be {' or '.join(FORMATS)}")
     if diagnosis.get("verdict") not in VERDICTS[:-1]:
         raise BadInput(f"{where}: verdict {diagnosis.get('verdict')!r} should be one of {', '.join(VERDICTS[:-1])}")
     try:
         claims = tuple(_claim(effect) for effect in diagnosis.get("effects", ()))
-        return Said(diagnosis["verdict"], claims, _held_out(diagnosis.get("fit") or {}))
+        return Said(
+            diagnosis["verdict"],
+            claims,
+            _held_out(diagnosis.get("fit") or {}),
+            grade=str(diagnosis.get("grade") or ""),
+            family=str((diagnosis.get("family") or {}).get("id", "")),
+            probability=float((diagnosis.get("statement") or {}).get("probability") or 0.0),
+            place=str((diagnosis.get("place") or {}).get("id", "")),
+        )
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(f"{where}: {type(error).__name__} at {error}; see the format of diagnosis.json") from None
 

@@ -24,10 +24,6 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "verdict": diagnosis.verdict,
-        "grade": diagnosis.grade,
-        "statement": {"probability": diagnosis.probability, "explained_share": diagnosis.explained_share},
-        "family": None if diagnosis.family is None else asdict(diagnosis.family),
-        "place": None if diagnosis.place is None else asdict(diagnosis.place),
         "located": [_located(place) for place in diagnosis.located],
         "effects": [_effect(effect) for effect in diagnosis.effects],
         "not_seen": [
@@ -36,6 +32,10 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "fit": _figures(diagnosis),
         "unexplained": diagnosis.unexplained,
         "next_experiment": diagnosis.next_experiment,
+        "grade": diagnosis.grade,
+        "statement": {"probability": diagnosis.probability, "explained_share": diagnosis.explained_share},
+        "family": None if diagnosis.family is None else asdict(diagnosis.family),
+        "place": None if diagnosis.place is None else asdict(diagnosis.place),
         "not_tested": [one.id for one in diagnosis.not_seen if one.would_have_seen is None],
         "title": diagnosis.title,
         "recordings": [asdict(one) for one in diagnosis.recordings],

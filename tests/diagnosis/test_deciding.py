@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis import deciding
+from rfca_rig.diagnosis.decision import decide as deciding
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import GOOD_FIT
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, recorded
 
@@ -35,7 +35,7 @@ def test_a_model_lacks_nothing_if_it_fits_and_foretells_as_models_do(played, mon
 @pytest.mark.parametrize(("apart", "verdict"), [([1.2, 1.3, 1.4], "nothing missing"), ([1.2, 1.3, 4.0], "unexplained")])
 def test_what_no_effect_explains_and_no_condition_foretells_is_unexplained(played, monkeypatch, apart, verdict):
     monkeypatch.setattr(deciding, "left_out", lambda *_: np.array(apart))
-    assert deciding.decided(replace(played, named=()), candidates=1).verdict == verdict
+    assert deciding.decide(replace(played, named=()), candidates=1).verdict == verdict
 
 
 @pytest.mark.parametrize(

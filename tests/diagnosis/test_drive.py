@@ -13,7 +13,8 @@ from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.diagnose import SEEN_ON_THE_SHAFT, drive_found
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.result import Gate
-from rfca_rig.diagnosis.result_builder import _gates, _late, _sentence
+from rfca_rig.diagnosis.result_builder import _gates, _late
+from rfca_rig.diagnosis.result_builder import sentence as sentence_of
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import RigModel
 from tests.diagnosis.by_hand import (
@@ -117,7 +118,7 @@ def test_a_drive_that_is_explained_is_told_beside_forces_that_are_not():
     why, passed = Gate("foretells", False, "no condition"), Gate("foretells", True, "every condition")
     of_leg, of_drive = replace(undecided(leg), gates=(why,)), replace(named(leg), gates=(passed,))
     verdicts = verdicts_of(leg, of_leg, leg, of_drive)
-    sentence = _sentence("unexplained", (), verdicts, body_of(flaps, leg))
+    sentence = sentence_of("unexplained", (), None, verdicts, body_of(flaps, leg))
     assert sentence.startswith("Something is missing that no entry of the catalogue explains. It behaves partly like tip_mass")
     assert sentence.endswith(f"What the shaft itself does is explained by: {of_drive.effects[0].left_out} (tip_mass).")
     assert _gates("unexplained", verdicts) == (why,)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis import gates
+from rfca_rig.diagnosis.decision import acceptance as gates
 from rfca_rig.diagnosis.decision.acceptance import (
     APPROXIMATELY,
     MOST_VARIATION,

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis import growing
 from rfca_rig.diagnosis.data.dataset import Dataset, make_dataset
+from rfca_rig.diagnosis.inference import continuation as growing
 from rfca_rig.diagnosis.inference.continuation import continue_from_beginnings
 from rfca_rig.diagnosis.inference.map_fit import without_scatter
 from rfca_rig.diagnosis.inference.nuisances import nuisances_of

@@ -12,10 +12,13 @@ from rfca_rig.diagnosis.result import (
     Diagnosis,
     Gate,
     Located,
+    MovedPrior,
     NamedEffect,
     NotSeen,
     Overlay,
     Rival,
+    StatedFamily,
+    StatedPlace,
     Value,
 )
 from rfca_rig.errors import RigError
@@ -25,7 +28,7 @@ from rfca_rig.report.diagnosis_files import write_diagnosis
 from rfca_rig.report.diagnosis_map import EDGES, band, maps_of
 from rfca_rig.report.diagnosis_page import page
 from rfca_rig.report.diagnosis_terminal import MOST_LINES, WIDTH, terminal_lines
-from rfca_rig.report.diagnosis_wording import UNLISTED, hypothesis, percent, significant, verdict_probability, within_90
+from rfca_rig.report.diagnosis_wording import UNLISTED, hypothesis, percent, significant, within_90
 from rfca_rig.report.light_paths import with_light_paths
 from rfca_rig.report.named_units import shown
 from rfca_rig.report.origin import Origin
@@ -134,26 +137,69 @@ NAMED = Diagnosis(
     settings={"model_error": 0.01, "priors": {"nothing missing": 0.5, "unknown": 0.1}, "seed": 7, "scatter": {"fz_N": 0.08}},
     found_effects=(PresentEffect("hinge_backlash", (("half_gap_deg", 1.1),)),),
     found_rig=PAPER,
+    grade="identified",
+    probability=0.968,
 )
 NOTHING_MISSING = replace(
     NAMED,
     verdict="nothing missing",
+    grade="nothing missing",
+    probability=0.913,
     sentence="The model agrees with everything recorded.",
     located=(),
     effects=(),
     rivals=(Rival((), 0.913, -90.0, 0.007), Rival(("tip_mass",), 0.05, -93.0, 0.007)),
     unexplained=(),
 )
-UNEXPLAINED = replace(NAMED, verdict="unexplained", sentence="Something is missing that has no name here.", found_effects=())
+UNEXPLAINED = replace(
+    NAMED,
+    verdict="unexplained",
+    grade="unexplained",
+    probability=1.0,
+    sentence="Something is missing that has no name here.",
+    effects=(),
+    place=StatedPlace("hinges", "a torque in all hinges alike", 0.93),
+    found_effects=(),
+)
+MOSTLY = replace(
+    NAMED,
+    verdict="unexplained",
+    grade="mostly",
+    probability=0.91,
+    sentence="Mostly missing: play.",
+    explained_share=0.83,
+    remaining=(Located("fz_N", "dynamic", "touchdown", CONDITIONS[:2], 0.9, "N", 3.1, 0.001),),
+    moved_priors=(MovedPrior("hinge_damping", "N m s/rad", Value(0.05, 0.025), Value(0.2, 0.02), 6.0),),
+)
+FAMILY = replace(
+    NAMED,
+    verdict="unexplained",
+    grade="family",
+    probability=0.88,
+    sentence="Of the cause only the family is clear.",
+    effects=(),
+    family=StatedFamily("sensor_late", "the sensor is late: a filter or a delay", "sensor", 0.88, ("clock_offset", "sensor_lag")),
+    explained_share=0.7,
+    found_effects=(),
+)
 TOO_LITTLE = replace(
     NAMED,
     verdict="not enough data",
+    grade="not enough data",
+    probability=None,
     sentence="Two conditions without repeats allow no answer.",
     **dict.fromkeys(("located", "cells", "effects", "gates", "rivals", "not_seen", "unexplained", "overlays", "found_effects"), ()),
     **{name: {} for name in ("fit", "held_out", "valley", "believed_values", "settings")},
     next_experiment=None,
 )
-ALL = {"named": NAMED, "nothing missing": NOTHING_MISSING, "unexplained": UNEXPLAINED, "not enough data": TOO_LITTLE}
+ALL = {
+    "named": NAMED,
+    "mostly": MOSTLY,
+    "family": FAMILY,
+    "nothing missing": NOTHING_MISSING,
+    "unexplained": UNEXPLAINED,
+    "not enough data": TOO_LITTLE,
+}
 
 
 def written_json(folder, diagnosis):
@@ -175,7 +221,7 @@ def named_page():
 def test_json_has_the_keys_that_other_programs_read(tmp_path):
     document = written_json(tmp_path, NAMED)
     assert list(document)[: len(KEYS)] == KEYS
-    assert (document["format"], document["verdict"]) == ("rfca-diagnosis/1", "named")
+    assert (document["format"], document["verdict"]) == ("rfca-diagnosis/2", "named")
     assert list(document["located"][0])[:7] == ["signal", "experiment", "phase", "conditions", "size", "unit", "p_value"]
     assert document["located"][1]["conditions"] == list(CONDITIONS[3:6])
     assert list(document["effects"][0])[:4] == ["id", "probability", "parameters", "cannot_tell_from"]
@@ -215,17 +261,6 @@ def test_every_verdict_makes_a_whole_page_that_fetches_nothing(verdict):
     assert len(outline.ids) == len(set(outline.ids)), "two pictures must not share a clip path"
     assert not re.search(r"https?:|url\((?!#)|@import", text)
     assert verdict in outline.text and ALL[verdict].sentence.split(" ")[-1] in outline.text
-
-
-@pytest.mark.parametrize(
-    ("verdict", "probability"), [("named", 0.968), ("nothing missing", 0.913), ("unexplained", 1.0), ("not enough data", None)]
-)
-def test_the_headline_has_the_probability_of_what_it_says(verdict, probability):
-    assert verdict_probability(ALL[verdict]) == probability
-
-
-def test_nothing_missing_that_is_not_even_listed_counts_as_the_last_that_is():
-    assert verdict_probability(replace(UNEXPLAINED, rivals=UNEXPLAINED.rivals[:2])) == pytest.approx(1.0 - 0.021)
 
 
 @pytest.mark.parametrize(
@@ -408,3 +443,20 @@ def test_numbers_show_what_is_known_of_them():
         "0.4 %",
         "< 0.1 %",
     ]
+
+
+def test_a_graded_answer_says_what_remains_and_which_prior_moved(tmp_path):
+    text = read(page(MOSTLY, Origin()))
+    for words in ("mostly", "83", "What remains", "hinge damping moved to", "6.0 prior deviations"):
+        assert words in text
+    document = written_json(tmp_path, MOSTLY)
+    assert (document["verdict"], document["grade"], document["statement"]["probability"]) == ("unexplained", "mostly", 0.91)
+    assert document["effects"][0]["id"] == "hinge_backlash"
+    assert document["remaining"][0]["phase"] == "touchdown"
+    assert any(line.startswith("MOSTLY (91.0") or line.startswith("MOSTLY (91") for line in terminal_lines(MOSTLY))
+
+
+def test_a_family_is_given_with_its_members_and_a_place_with_its_probability():
+    text = read(page(FAMILY, Origin()))
+    assert "a filter or a delay (sensor)" in text and "clock_offset , sensor_lag" in text
+    assert "hinges (93" in read(page(UNEXPLAINED, Origin()))
