@@ -1,6 +1,6 @@
 """The verdict on a pendulum with the figures beside it. What only a leg has, as valleys, stays empty."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 
 import numpy as np
@@ -49,7 +49,7 @@ def build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decisi
         effects=effects_stated,
         gates=decision.gates,
         rivals=decision.rivals[:12],
-        not_seen=_not_seen(found, explanation, effects),
+        not_seen=_not_seen(found, explanation, decision.suspects, effects),
         fit=_fit(found, explanation),
         held_out=_held_out(found, explanation),
         valley={},
@@ -102,11 +102,11 @@ def _closest(verdict: Verdict, found: ModelSelectionResult, decision: Decision) 
     return (f"with {' and '.join(decision.suspected.ids)} in the model, rms on held-out stretches falls: {figures}",) if figures else ()
 
 
-def _not_seen(found: ModelSelectionResult, accepted: Hypothesis, effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
+def _not_seen(found: ModelSelectionResult, accepted: Hypothesis, suspects: Collection[str], effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
     fitted = accepted.fitted
     measured = found.evidence.rows.measured
     projection = projection_of(fitted, measured, found.judge.level(fitted.linear(measured)))
-    others = [effect for effect in effects if effect.id not in accepted.ids]
+    others = [effect for effect in effects if effect.id not in suspects]
     return find_detection_limits(others, found.trials, projection, fitted.coordinates.supposed(fitted.x).rig)
 
 

@@ -197,7 +197,8 @@ def _not_seen(verdicts: "Findings", accepted: Hypothesis, effects: Sequence[Effe
     measured = leg.evidence.rows.measured
     # What remains unexplained could hide an effect: it counts as discrepancy of its own size, the usual one at least.
     projection = projection_of(accepted.fitted, measured, leg.judge.level(accepted.fitted.linear(measured)))
-    others = [effect for effect in effects if effect.id not in accepted.ids]
+    suspects = frozenset().union(*(decision.suspects for decision in _decisions(verdicts)))
+    others = [effect for effect in effects if effect.id not in suspects]
     return find_detection_limits(others, leg.trials, projection, body.rig)
 
 

@@ -24,7 +24,7 @@ def found():
     descent = without_scatter(evidence)
     coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO | HALF, 0.0), (EffectTerm(catalogue()["ground_compliance"]),))
     x = np.zeros(coordinates.size)
-    x[-1] = -0.5
+    x[coordinates.nuisances] = -0.5
     begun = descent.at(coordinates, x)
     assert begun is not None
     return descent, descent.converge(descent.refine(begun))
@@ -38,7 +38,9 @@ def test_only_how_well_the_contact_is_known_says_how_soft_the_floor_is(found):
     posterior = descent.evaluate(best).posterior
     contact = best.coordinates.space.names.index("contact_stiffness")
     assert np.sqrt(posterior.covariance[contact, contact]) == pytest.approx(1.0, abs=0.1)
-    up, down = (best.x + sign * np.sqrt(posterior.covariance[-1, -1]) * (np.arange(len(best.x)) == len(best.x) - 1) for sign in (1.0, -1.0))
+    size = best.coordinates.nuisances
+    step = np.sqrt(posterior.covariance[size, size]) * (np.arange(len(best.x)) == size)
+    up, down = best.x + step, best.x - step
     low, high = (best.coordinates.supposed(x).rig.effects[0].values[0][1] for x in (down, up))
     expected = 0.5 * (20000.0 / RIG.ground.stiffness_N_per_m1p5) ** (2.0 / 3.0)
     assert 0.5 * np.log(high / low) == pytest.approx(expected, rel=0.3)
@@ -47,9 +49,10 @@ def test_only_how_well_the_contact_is_known_says_how_soft_the_floor_is(found):
 def test_slopes_that_are_learnt_on_the_way_stay_alike(found):
     descent, best = found
     contact = best.coordinates.space.names.index("contact_stiffness")
+    size = best.coordinates.nuisances
     aside = best.predicted + np.random.default_rng(1).normal(size=len(best.predicted))
     learnt = descent._learnt(best, best.x + 0.1, aside).jacobian
-    cosine = learnt[:, contact] @ learnt[:, -1] / (np.linalg.norm(learnt[:, contact]) * np.linalg.norm(learnt[:, -1]))
+    cosine = learnt[:, contact] @ learnt[:, size] / (np.linalg.norm(learnt[:, contact]) * np.linalg.norm(learnt[:, size]))
     assert abs(cosine) == pytest.approx(1.0, abs=1e-9)
 
 

@@ -45,8 +45,8 @@ def test_what_could_not_be_claimed_is_led_from_everywhere_whatever_it_promises(d
     """A descent may stop far below where new slopes would take it; that costs nothing where the answer had to be refused."""
     astray, promising, led = begun(descent, -3.9, -0.46), begun(descent, -0.5, -0.9), begun(descent, 0.0, -1.2)
     evidence = {id(astray): 0.0, id(promising): -1000.0, id(led): 100.0}
-    monkeypatch.setattr(GaussNewton, "descended", lambda *_: promising)
-    monkeypatch.setattr(GaussNewton, "polished", lambda _, fitted, **_rounds: led if fitted is promising else fitted)
+    monkeypatch.setattr(GaussNewton, "refine", lambda *_: promising)
+    monkeypatch.setattr(GaussNewton, "converge", lambda _, fitted, **_rounds: led if fitted is promising else fitted)
     monkeypatch.setattr(GaussNewton, "log_evidence", lambda _, fitted: evidence[id(fitted)])
     assert swap_nuisance(descent, astray) is led
 

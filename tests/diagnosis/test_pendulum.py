@@ -37,13 +37,12 @@ def simple():
     return diagnosed(read_pendulum_campaign(DATA / "simple"))
 
 
-@pytest.mark.slow
-def test_friction_left_out_of_a_real_pendulum_is_named_at_its_size(simple):
-    assert simple.verdict == "named"
-    (effect,) = simple.effects
-    assert {effect.id, *effect.cannot_tell_from} == {"joint_friction", "joint_stribeck"}
-    assert 0.12 < effect.parameters["torque_Nm"].value < 0.22
-    assert "joint_friction" in simple.sentence
+def test_friction_left_out_of_a_real_pendulum_is_stated_at_the_grade_that_its_law_allows(simple):
+    """No law of a gear's friction holds to the usual model error; the family does, and its laws are not excluded."""
+    assert simple.verdict == "unexplained" and simple.grade in ("mostly", "family")
+    assert simple.family is not None and simple.family.id == "joint_dissipation"
+    assert simple.explained_share > 0.6
+    assert not {"joint_friction", "joint_stribeck"} & {other.id for other in simple.not_seen}
 
 
 def test_what_is_printed_beside_the_name_hangs_together(simple):
@@ -64,9 +63,7 @@ def test_where_model_and_recordings_differ_is_located(simple):
 
 
 def test_two_laws_of_friction_are_told_apart_by_an_experiment_within_what_the_rig_has_done(simple):
-    (effect,) = simple.effects
     proposal = simple.next_experiment
-    assert {"joint_friction", "joint_stribeck"} == {effect.id, *effect.cannot_tell_from}
     one, other, expected = proposal["separates"][0]
     assert {one, other} == {"joint_friction", "joint_stribeck"}
     assert expected > 3.0

@@ -83,7 +83,7 @@ def test_block_by_block_the_covariance_is_that_of_all_rows():
     assert np.allclose(whitening.variance(), np.diag(covariance))
     assert whitening.log_det == pytest.approx(np.linalg.slogdet(covariance)[1])
     assert np.allclose(whitening(values).T @ whitening(values), values.T @ precision @ values)
-    assert np.allclose(whitening.weigh_models(values), precision @ values)
+    assert np.allclose(whitening.weighted(values), precision @ values)
     some = rows.condition == 1
     assert np.allclose(whitening.precision(some), precision[np.ix_(some, some)])
 
@@ -164,6 +164,6 @@ def test_products_without_some_rows_are_those_of_the_others_alone():
     whitening = AtError(basis_of(rows, random.normal(size=(len(rows.measured), 2))), 0.03)
     columns, out = random.normal(size=(len(rows.measured), 3)), rows.condition == 1
     kept = whitening.covariance()[np.ix_(~out, ~out)]
-    products, log_det = products_without(columns, whitening.weigh_models(columns), whitening, out)
+    products, log_det = products_without(columns, whitening.weighted(columns), whitening, out)
     assert np.allclose(products, columns[~out].T @ np.linalg.solve(kept, columns[~out]))
     assert log_det == pytest.approx(np.linalg.slogdet(kept)[1])

@@ -184,7 +184,7 @@ def test_reading_the_file_of_a_diagnosis(tmp_path):
     assert said.named[0].members == {"tip_mass", "x"}
     assert said.held_out_fz_N == (3.3, 0.35, 0.2)
     assert read_said(tmp_path / "none.json").verdict == "refused"
-    for wrong in ({"format": "rfca-diagnosis/2"}, {"verdict": "maybe"}, {"effects": [{"id": "tip_mass"}]}):
+    for wrong in ({"format": "rfca-diagnosis/3"}, {"verdict": "maybe"}, {"effects": [{"id": "tip_mass"}]}):
         with pytest.raises(BadInput):
             said_in({**data, **wrong})
     (tmp_path / "broken.json").write_text("{")

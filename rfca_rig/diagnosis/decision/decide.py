@@ -59,6 +59,14 @@ class Decision:
         return self.accepted if self.statement is None else self.statement.explanation
 
     @property
+    def suspects(self) -> frozenset[str]:
+        """The effects that no detection limit may exclude: those of the explanation and, where its law is approximate, of its families."""
+        if self.verdict != "unexplained":
+            return frozenset(self.accepted.ids)
+        closest = (*self.explanation.ids, *(self.suspected.ids if self.suspected is not None else ()))
+        return frozenset(closest) | related(closest)
+
+    @property
     def stated(self) -> tuple[NamedEffect, ...]:
         """The effects that are stated, at whatever grade."""
         return self.effects if self.statement is None else self.statement.effects

@@ -218,11 +218,13 @@ class GaussNewton:
         size = jacobian / self.evidence.rows.noise[:, None]
         norm = np.maximum(np.linalg.norm(size, axis=0), 1e-300)
         same = coordinates.same_as
-        for effect in range(coordinates.nuisances, coordinates.size):
-            for nuisance in range(coordinates.nuisances):
-                alike = float(size[:, effect] @ size[:, nuisance]) / (norm[effect] * norm[nuisance])
-                if abs(alike) > ALIKE or same[effect - coordinates.nuisances] == coordinates.space.names[nuisance]:
-                    jacobian[:, nuisance] = jacobian[:, effect] * alike * norm[nuisance] / norm[effect]
+        effects = range(coordinates.nuisances, coordinates.size)
+        for nuisance, name in enumerate(coordinates.space.names):
+            alike = {effect: float(size[:, effect] @ size[:, nuisance]) / (norm[effect] * norm[nuisance]) for effect in effects}
+            tied = [effect for effect in effects if same[effect - coordinates.nuisances] == name]
+            effect = max(tied or effects, key=lambda one: abs(alike[one]), default=None)
+            if effect is not None and (tied or abs(alike[effect]) > ALIKE):
+                jacobian[:, nuisance] = jacobian[:, effect] * alike[effect] * norm[nuisance] / norm[effect]
         return jacobian
 
     def _columns(self, coordinates: Parameterization, x: Floats, predicted: Floats, widths: Mapping[int, float]) -> list[Floats]:

@@ -184,7 +184,7 @@ def _pair_starts(projection: Projection, probes: Sequence[EffectProbe], base: Ma
     best: dict[frozenset[EffectTerm], tuple[float, int, int]] = {}
     for i, j in combinations(range(len(probes)), 2):
         pair = frozenset((probes[i].choice, probes[j].choice))
-        if probes[i].choice.effect.id != probes[j].choice.effect.id and gain[i, j] > best.get(pair, (0.0, 0, 0))[0]:
+        if probes[i].choice.effect.id != probes[j].choice.effect.id and gain[i, j] > best.get(pair, (config.worth_a_fit, 0, 0))[0]:
             best[pair] = (float(gain[i, j]), i, j)
     ranked = sorted(best.values(), reverse=True)[: config.pairs_coarse]
     return [_beside(base, (probes[i], probes[j])) for _, i, j in ranked]
