@@ -31,26 +31,34 @@ class Bar:
 
 def bars(marks: Marks) -> Sequence[Bar]:
     """All bars, the most important first."""
-    found, given = marks.calibration, marks.values
+    found, given, graded = marks.calibration, marks.values, marks.statements
     return (
+        _most("nothing missing: effects or families stated", Share(*graded.claims_on_nothing), 0.0),
+        _most("wrong effects or families stated at 80 % or more", Share(*graded.wrong), 0.02),
         _most("false names where nothing is missing", marks.null_false_claims, 0.0),
         _most("wrong among all names", marks.false_discoveries, 0.05),
         _most("strangers given a wrong name at 90 % or more", marks.stranger_confident_wrong, 0.05),
         _least("strangers told as unexplained", marks.stranger_unexplained, 0.8),
-        _least("one effect that can be seen: right, or in its class", marks.single_in_class_detectable, 0.9),
+        _least("one effect that can be seen: right, or in its class", marks.single_in_class_detectable, 0.95),
         _least("one effect above a model error of 1 %: the same", marks.single_in_class_above, 0.9),
-        _least("two effects that can be seen: exactly both", marks.pairs_exact_detectable, 0.8),
+        _least("two effects that can be seen: exactly both", marks.pairs_exact_detectable, 0.9),
         _least("two effects above a model error of 1 %: the same", marks.pairs_exact_above, 0.8),
         _least("two effects: no wrong name", marks.pairs_without_wrong, 0.9),
+        _least("three effects: two or more stated, none wrong", Share(*graded.triples), 0.7),
+        _least("laws wrong by 20 to 40 %: right family stated", Share(*graded.family), 0.9),
+        _least("the same: sizes inside their 90 % interval", Share(*graded.family_sizes), 0.87),
+        _least("outside the catalogue: place, where one is stated", Share(*graded.place), 0.8),
         _least("right family with a wrong law: family, or unexplained", marks.wrong_law_acceptable, 0.9),
         _most("poor data: wrong names", marks.poor_data_wrong, 0.05),
         _most("wrong metadata: wrong names", marks.mislabelled_wrong, 0.05),
         _least("truth in the class that was given", marks.truth_in_class, 0.95),
         Bar("mean size of a class", marks.mean_class_size, None, 3.0, ""),
-        Bar("calibration error of probabilities", found.ece, None, 0.05, ""),
+        Bar("calibration error of stated probabilities", graded.calibration_error, None, 0.05, f"{graded.probabilities} probabilities"),
+        Bar("calibration error of probabilities of names", found.ece, None, 0.05, ""),
         Bar("right among claims at 90 % or more", found.confident_right, 0.9, None, f"{found.confident} claims"),
         Bar("median error of parameters", given.median_error, None, 0.1, f"{given.count} values"),
-        Bar("parameters inside their 90 % interval", given.coverage_90, 0.85, 0.95, f"{given.count} values"),
+        _least("stated sizes inside their 90 % interval", Share(*graded.sizes), 0.87),
+        Bar("parameters of names inside their 90 % interval", given.coverage_90, 0.85, 0.95, f"{given.count} values"),
         Bar("gap closed on held-out conditions", marks.gap_closed, 0.8, None, f"{marks.gap_worse.of} cases"),
     )
 

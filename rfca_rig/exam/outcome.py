@@ -16,7 +16,7 @@ silent: nothing said, or "nothing missing", though something is. cautious: "unex
 
 @dataclass(frozen=True)
 class Truth:
-    """The part of a truth that is scored. `effects` with their parameters; `accepted` are further right names.
+    """The part of a truth that is scored. `effects` with their parameters, `strangers` by name; `accepted` are further right names.
 
     `nameless` where something is wrong that no name fits, so that only "unexplained", or a refusal, is right; `left` is how far the forces
     shift beyond what believed values can explain, in units of the noise; `left_of_each` the same for each effect alone, and
@@ -26,6 +26,7 @@ class Truth:
     case: str
     kind: str
     effects: Mapping[str, Mapping[str, float]]
+    strangers: tuple[str, ...]
     accepted: frozenset[str]
     nameless: bool
     silence_is_right: bool
@@ -49,6 +50,7 @@ def truth_in(truth: Mapping[str, Any]) -> Truth:
         case=truth["case"],
         kind=truth["kind"],
         effects=truth["effects"],
+        strangers=tuple(truth["strangers"]),
         accepted=frozenset(truth["also_right"]),
         nameless=bool(truth["strangers"]) or truth["mislabelled"] is not None,
         silence_is_right=truth["silence_is_right"],

@@ -34,7 +34,8 @@ class Said:
     """A diagnosis. `verdict` is "refused" where the campaign was turned down as unusable, with an error instead of a diagnosis.
 
     `claims` are all effects listed; they count as named where the verdict says so. `held_out_fz_N` is (before, after, noise floor).
-    Of rfca-diagnosis/2: `grade`, the stated `family` and its or the effects' `probability`, and the `place` of something unlisted.
+    Of rfca-diagnosis/2: `grade`, the stated `family` and its or the effects' `probability`, the `place` of something
+    unlisted, and the `support`: kind, id and probability of every effect and family of the best explanation.
     """
 
     verdict: str
@@ -44,6 +45,7 @@ class Said:
     family: str = ""
     probability: float = 0.0
     place: str = ""
+    support: tuple[tuple[str, str, float], ...] = ()
 
     @property
     def named(self) -> tuple[Claim, ...]:
@@ -72,6 +74,7 @@ def said_in(diagnosis: Mapping[str, Any], where: str = "diagnosis") -> Said:
             family=str((diagnosis.get("family") or {}).get("id", "")),
             probability=float((diagnosis.get("statement") or {}).get("probability") or 0.0),
             place=str((diagnosis.get("place") or {}).get("id", "")),
+            support=tuple((str(one["kind"]), str(one["id"]), float(one["probability"])) for one in diagnosis.get("support") or ()),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(f"{where}: {type(error).__name__} at {error}; see the format of diagnosis.json") from None

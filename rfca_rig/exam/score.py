@@ -11,6 +11,7 @@ from rfca_rig.exam import cases
 from rfca_rig.exam.claims import CONFIDENT, Calibration, Judged, Values, calibration, values
 from rfca_rig.exam.outcome import CLASS, EXTRA, PARTIAL, RIGHT, SILENT, WRONG, Truth, false_claims, outcome, truth_in
 from rfca_rig.exam.said import NAMED, NOTHING, Said
+from rfca_rig.exam.statements import StatementScores, score_statements
 from rfca_rig.exam.worst import Miss, worst
 
 DETECTABLE = 2.0  # shift of the forces that believed values cannot explain, in units of a sample's noise
@@ -86,6 +87,7 @@ class Marks:
     values: Values
     gap_closed: float
     gap_worse: Share
+    statements: StatementScores
     worst: tuple[Miss, ...]
 
 
@@ -129,6 +131,7 @@ def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, Said]) ->
         values=values([*single, *pairs]),
         gap_closed=_gap(right),
         gap_worse=Share(sum(gap < 0.0 for gap in _gaps(right)), len(_gaps(right))),
+        statements=score_statements(judged),
         worst=worst(judged),
     )
 

@@ -1,4 +1,4 @@
-"""The ten worst answers, with what is wrong about them: what to look at first."""
+"""The twenty worst answers, with what is wrong about them: what to look at first."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ from rfca_rig.exam.claims import Judged, parameter_errors
 from rfca_rig.exam.outcome import EXTRA, PARTIAL, SILENT, WRONG, Truth, false_claims, outcome
 from rfca_rig.exam.said import Said
 
-LISTED = 10
+LISTED = 20
 VALUE_OFF = 0.5  # relative error of a parameter from which a right name counts among the worst
 
 

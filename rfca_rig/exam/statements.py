@@ -1,0 +1,147 @@
+"""Scores of graded answers: whether each statement is true, whether sizes lie in their intervals, whether a place is right.
+
+A statement is an effect that is stated as identified or as most of what is missing, or a family where no effect is stated. An effect is
+true if the case conceals it, or one of those that it cannot be told from. A family is true if the case conceals a member, or an effect
+outside the catalogue that belongs to it.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rfca_rig.exam import cases
+from rfca_rig.exam.claims import Judged, parameter_errors
+from rfca_rig.exam.outcome import Truth
+from rfca_rig.exam.said import Said
+from rfca_rig.model.families import FAMILIES, families_of
+
+SURE = 0.8  # stated probability from which a wrong statement counts
+LEAST = 0.3  # probabilities below are of no statement; their calibration is not asked for
+BINS = 7
+
+# Of each effect outside the catalogue: the family it belongs to, and the part of the rig where it acts.
+STRANGERS: Mapping[str, tuple[str, str]] = {
+    "loose_grub_screw": ("drive_yields", "drive"),
+    "cable_drag": ("", "drive"),
+    "force_cogging": ("", "sensor"),
+    "hinge_asymmetry": ("hinge_stiffness", "hinges"),
+    "hinge_quadratic_damping": ("hinge_dissipation", "hinges"),
+    "floor_magnet": ("floor_holds", "ground"),
+    "friction_by_direction": ("floor_friction", "ground"),
+    "sensor_curvature": ("sensor_scale", "sensor"),
+    "sensor_clipping": ("sensor_scale", "sensor"),
+    "one_heavier_link": ("leg_mass", "hinges"),
+    "stiffness_falls_with_repeats": ("hinge_stiffness", "hinges"),
+    "floor_bump": ("floor_geometry", "ground"),
+    "spring_preset": ("hinge_stiffness", "hinges"),
+}
+
+
+@dataclass(frozen=True)
+class StatementScores:
+    """Counts as (hits, of).
+
+    `claims_on_nothing`: cases with nothing missing in which an effect or family is stated. `wrong`: wrong ones of all statements at SURE
+    or more. `family`: approximate laws whose family, or effect, is stated and nothing wrong. `sizes`: parameters of true effects inside
+    their 90 % intervals, `family_sizes` the same where the law is approximate. `triples`: cases of three effects in which two or more are
+    stated and nothing wrong. `place`: effects outside the catalogue that are unexplained and located rightly, of those with a place.
+    `calibration_error`: expected calibration error of all probabilities of LEAST or more, NaN where there are none.
+    """
+
+    claims_on_nothing: tuple[int, int]
+    wrong: tuple[int, int]
+    family: tuple[int, int]
+    sizes: tuple[int, int]
+    family_sizes: tuple[int, int]
+    triples: tuple[int, int]
+    place: tuple[int, int]
+    calibration_error: float
+    probabilities: int
+
+
+def score_statements(judged: Judged) -> StatementScores:
+    """The scores of these cases."""
+    null = [said for truth, said in judged if truth.kind in (cases.NOTHING, cases.MODEL_ERROR)]
+    sure = [right for truth, said in judged for probability, right in statements(truth, said) if probability >= SURE]
+    approximate = [pair for pair in judged if pair[0].kind == cases.APPROXIMATE]
+    triples = [pair for pair in judged if pair[0].kind == cases.TRIPLE]
+    lawful = [pair for pair in judged if not pair[0].lawless]
+    placed = [
+        said.place == STRANGERS[name][1]
+        for truth, said in judged
+        for name in truth.strangers
+        if said.grade == "unexplained" and said.place and name in STRANGERS
+    ]
+    probability, true = _probabilities(judged)
+    return StatementScores(
+        claims_on_nothing=(sum(bool(said.stated or _family_alone(said)) for said in null), len(null)),
+        wrong=(sum(not right for right in sure), len(sure)),
+        family=(sum(_has_right_family(*pair) for pair in approximate), len(approximate)),
+        sizes=_covered(lawful),
+        family_sizes=_covered(approximate),
+        triples=(sum(_states_two(*pair) for pair in triples), len(triples)),
+        place=(sum(placed), len(placed)),
+        calibration_error=_calibration_error(probability, true),
+        probabilities=len(probability),
+    )
+
+
+def statements(truth: Truth, said: Said) -> Iterator[tuple[float, bool]]:
+    """The stated probability of each statement of a case, and whether it is true."""
+    there = truth.effects.keys() | truth.accepted
+    for claim in said.stated:
+        yield claim.probability, bool(claim.members & there)
+    if not said.stated and _family_alone(said):
+        yield said.probability, _is_true_family(truth, said.family)
+
+
+def _family_alone(said: Said) -> bool:
+    return said.grade == "family" and bool(said.family)
+
+
+def _is_true_family(truth: Truth, family: str) -> bool:
+    members = next((each.members for each in FAMILIES if each.id == family), frozenset((family,)))
+    of_strangers = {STRANGERS[name][0] for name in truth.strangers if name in STRANGERS}
+    return bool(members & (truth.effects.keys() | truth.accepted)) or family in of_strangers
+
+
+def _has_right_family(truth: Truth, said: Said) -> bool:
+    """Whether an effect of a true one's families, or its family, is stated, and nothing that is of no such family."""
+    right = {family.id for effect in truth.effects for family in families_of(effect)}
+    stated = [{family.id for member in claim.members for family in families_of(member)} for claim in said.stated]
+    if not stated and _family_alone(said):
+        stated = [{said.family}]
+    return bool(stated) and all(each & right for each in stated)
+
+
+def _states_two(truth: Truth, said: Said) -> bool:
+    found = [bool(claim.members & truth.effects.keys()) for claim in said.stated]
+    return len(found) >= 2 and all(found)
+
+
+def _covered(judged: Judged) -> tuple[int, int]:
+    inside = [
+        covered for truth, said in judged for claim in said.stated for _, covered in parameter_errors(truth, claim) if covered is not None
+    ]
+    return sum(inside), len(inside)
+
+
+def _probabilities(judged: Judged) -> tuple[list[float], list[bool]]:
+    """Of every effect and family of the best explanation, stated or not."""
+    found = []
+    for truth, said in judged:
+        for kind, name, probability in said.support:
+            if probability >= LEAST:
+                right = name in truth.effects.keys() | truth.accepted if kind == "effect" else _is_true_family(truth, name)
+                found.append((probability, right))
+    return [probability for probability, _ in found], [right for _, right in found]
+
+
+def _calibration_error(probability: list[float], true: list[bool]) -> float:
+    """Expected calibration error over BINS equal bins from LEAST to 1 (Naeini et al., AAAI 2015)."""
+    if not probability:
+        return float("nan")
+    p, hit = np.array(probability), np.array(true)
+    place = np.minimum(((p - LEAST) / (1.0 - LEAST) * BINS).astype(int), BINS - 1)
+    return float(sum(abs(p[place == b].sum() - hit[place == b].sum()) for b in range(BINS)) / len(p))

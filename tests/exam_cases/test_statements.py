@@ -1,0 +1,89 @@
+"""Scores of graded answers, on answers made by hand."""
+
+import pytest
+
+from rfca_rig.exam import cases
+from rfca_rig.exam.outcome import truth_in
+from rfca_rig.exam.said import Claim, Said
+from rfca_rig.exam.sizes import STRANGER_SPANS
+from rfca_rig.exam.statements import STRANGERS, score_statements, statements
+from rfca_rig.model.families import FAMILIES
+from tests.exam_cases.test_score import PLAY, PLAY_AND_LAG, truth
+
+FRICTION = {"hinge_coulomb_friction": {"torque_Nm": 0.1}}
+
+
+def stated(*claims, grade="mostly", **others):
+    return Said("unexplained", tuple(claims), grade=grade, **others)
+
+
+def claim(effect, p=0.9, like=(), **parameters):
+    return Claim(effect, p, parameters, tuple(like))
+
+
+def scored(*pairs):
+    return score_statements([(truth_in(true), said) for true, said in pairs])
+
+
+def family(name, p=0.9):
+    return stated(grade="family", family=name, probability=p)
+
+
+@pytest.mark.parametrize(
+    ("true", "said", "expected"),
+    [
+        (truth(effects=PLAY), stated(claim("hinge_backlash")), [(0.9, True)]),
+        (truth(effects=PLAY), stated(claim("tip_mass"), claim("hinge_backlash", 0.85)), [(0.9, False), (0.85, True)]),
+        (truth(effects=PLAY), stated(claim("tip_mass", like=["hinge_backlash"])), [(0.9, True)]),
+        (truth(effects=FRICTION), family("spring_memory"), [(0.9, True)]),
+        (truth(effects=PLAY), family("spring_memory"), [(0.9, False)]),
+        # of an effect outside the catalogue only the family can be right
+        (truth(kind=cases.STRANGER, strangers={"one_heavier_link": {}}), family("leg_mass"), [(0.9, True)]),
+        (truth(kind=cases.STRANGER, strangers={"one_heavier_link": {}}), stated(claim("tip_mass")), [(0.9, False)]),
+        (truth(effects=PLAY), stated(claim("tip_mass"), grade="unexplained"), []),
+    ],
+)
+def test_which_statements_are_true(true, said, expected):
+    assert list(statements(truth_in(true), said)) == expected
+
+
+def test_what_is_stated_of_nothing_and_wrongly():
+    nothing = truth(kind=cases.NOTHING)
+    found = scored((nothing, family("leg_mass")), (nothing, Said("nothing missing")), (truth(effects=PLAY), stated(claim("tip_mass", 0.7))))
+    assert found.claims_on_nothing == (1, 2)
+    assert found.wrong == (1, 1)  # what is stated with less than 80 % is no sure statement
+
+
+def test_sizes_families_and_triples():
+    approximate = {"kind": cases.APPROXIMATE, "uneven": {}}
+    three = truth(kind=cases.TRIPLE, effects=PLAY_AND_LAG | FRICTION)
+    found = scored(
+        (truth(effects=PLAY), stated(claim("hinge_backlash", half_gap_deg=(1.2, 0.1)))),
+        (truth(effects=PLAY), stated(claim("hinge_backlash", half_gap_deg=(1.1, 0.1)))),
+        (truth(effects=FRICTION, **approximate), stated(claim("spring_hysteresis"))),
+        (truth(effects=FRICTION, **approximate), stated(claim("tip_mass"))),
+        (truth(effects=FRICTION, **approximate), family("hinge_dissipation")),
+        (truth(effects=FRICTION, **approximate), stated(claim("hinge_coulomb_friction", torque_Nm=(0.09, 0.01)))),
+        (three, stated(claim("hinge_backlash"), claim("sensor_lag"))),
+        (three, stated(claim("hinge_backlash"), claim("sensor_lag"), claim("tip_mass"))),
+        (three, stated(claim("hinge_backlash"))),
+    )
+    assert found.sizes == (1, 2) and found.family_sizes == (1, 1)
+    assert found.family == (3, 4) and found.triples == (1, 3)
+
+
+def test_places_and_calibration():
+    bump, heavier = (truth(kind=cases.STRANGER, strangers={name: {}}) for name in ("floor_bump", "one_heavier_link"))
+    found = scored(
+        (bump, stated(grade="unexplained", place="ground", support=(("effect", "ground_tilt", 0.4), ("family", "floor_geometry", 0.6)))),
+        (heavier, stated(grade="unexplained", place="sensor", support=(("effect", "tip_mass", 0.1),))),
+        (heavier, stated(grade="unexplained")),
+    )
+    assert found.place == (1, 2)
+    # 0.4 of an effect that is not there, 0.6 of a family that is: each misses by 0.4; 0.1 is below what counts
+    assert found.probabilities == 2 and found.calibration_error == pytest.approx(0.4)
+
+
+def test_every_effect_outside_the_catalogue_has_a_place_and_a_known_family():
+    assert set(STRANGERS) == set(STRANGER_SPANS)
+    assert {name for name, _ in STRANGERS.values() if name} <= {each.id for each in FAMILIES}
