@@ -11,8 +11,8 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.diagnosis.data.observations import rms
-from rfca_rig.diagnosis.data.strokes import BOUNDED, FORCES, FlapCondition
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
+from rfca_rig.diagnosis.leg.strokes import BOUNDED, FORCES, FlapCondition
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
 from rfca_rig.diagnosis.result import BeforeAfter, Overlay
 from rfca_rig.errors import SimulationFailed

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.swings import SwingProblem
 from rfca_rig.diagnosis.candidate_effects import select_candidates
-from rfca_rig.diagnosis.data.pendulum_windows import usual_torque_Nm
+from rfca_rig.diagnosis.pendulums.windows import usual_torque_Nm
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import Effect, Parameter
 

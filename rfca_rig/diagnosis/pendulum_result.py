@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.swings import TORQUE_ERROR
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.diagnosis.data.observations import rms
-from rfca_rig.diagnosis.data.pendulum_windows import BIN_S, WINDOW_S
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
 from rfca_rig.diagnosis.decision.wording import describe, describe_unexplained
@@ -18,6 +17,7 @@ from rfca_rig.diagnosis.inference.hypotheses import PRIOR_NOTHING, PRIOR_ONE, PR
 from rfca_rig.diagnosis.inference.screening import projection_of
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import USUAL_ERROR
+from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Grade, NotSeen, Overlay, Value, Verdict
 from rfca_rig.diagnosis.result_builder import moved_priors, present_effects
@@ -102,7 +102,9 @@ def _closest(verdict: Verdict, found: ModelSelectionResult, decision: Decision) 
     return (f"with {' and '.join(decision.suspected.ids)} in the model, rms on held-out stretches falls: {figures}",) if figures else ()
 
 
-def _not_seen(found: ModelSelectionResult, accepted: Hypothesis, suspects: Collection[str], effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
+def _not_seen(
+    found: ModelSelectionResult, accepted: Hypothesis, suspects: Collection[str], effects: Sequence[Effect]
+) -> tuple[NotSeen, ...]:
     fitted = accepted.fitted
     measured = found.evidence.rows.measured
     projection = projection_of(fitted, measured, found.judge.level(fitted.linear(measured)))
