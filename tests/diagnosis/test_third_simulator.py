@@ -147,11 +147,11 @@ def test_a_friction_that_is_not_quite_the_catalogues_is_found_in_a_rig_that_the_
 
 
 def test_where_nothing_is_concealed_nothing_is_stated():
-    decision = diagnosed(lambda v: 0.0)
+    decision = diagnosed(lambda _: 0.0)
     assert decision.grade == "nothing missing" and decision.stated == ()
 
 
 def test_a_force_that_no_effect_of_the_catalogue_makes_is_left_unexplained():
     """A steady push. The search comes as far as truncated conditions, of which this simulator has none."""
-    decision = diagnosed(lambda v: 0.5)
+    decision = diagnosed(lambda _: 0.5)
     assert decision.grade == "unexplained" and decision.stated == ()
