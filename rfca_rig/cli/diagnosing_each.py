@@ -92,4 +92,4 @@ def diagnose_quietly(without: tuple[str, ...], job: tuple[Path, Path]) -> str | 
 
 def _in_words(answer: dict[str, Any]) -> str:
     named = [f"{effect['id']} ({100.0 * effect['probability']:.1f} %)" for effect in answer["effects"]]
-    return ", ".join([answer["grade"], *named])
+    return ", ".join([answer.get("grade", answer["verdict"]), *named])  # rfca-diagnosis/1 has no grades

@@ -9,6 +9,7 @@ import numpy as np
 from rfca_rig.exam.believed import OffBy, drawn_off
 from rfca_rig.exam.designs import ONE_STROKE, PAPER_CONDITIONS, THREE_BY_THREE, Design
 from rfca_rig.exam.labels import MISLABELLED
+from rfca_rig.exam.laws import Law, drawn_law
 from rfca_rig.exam.sizes import SPANS, stranger_values, values_of
 from rfca_rig.exam.strangers import NAMES
 from rfca_rig.exam.structured import Structured, drawn_structured
@@ -53,7 +54,8 @@ class Case:
     """One campaign to be written. `effects` are of the catalogue, `strangers` of none; by id, with their parameters.
 
     `strength` is from 0, hardly visible, to 1; the drive does what it is told `late_s` late; `model_error` is the share of structured
-    error; `mislabelled` names what the campaign's own file says wrongly; `seed` decides scatter and noise.
+    error; `law` says which member of its family each effect's law is; `mislabelled` names what the campaign's own file says wrongly;
+    `seed` decides scatter and noise.
     """
 
     id: str
@@ -68,6 +70,7 @@ class Case:
     model_error: float = 0.0
     structured: Structured | None = None
     uneven: Uneven | None = None
+    law: Law | None = None
     mislabelled: str | None = None
 
 
@@ -101,7 +104,8 @@ def _drawn(kind: str, i: int, random: np.random.Generator) -> Case:
     if kind not in (NOTHING, POOR_DATA) and (kind == MODEL_ERROR or random.random() < 0.5):
         share = float(random.uniform(0.005, 0.02)) if kind == MODEL_ERROR else 0.005
         case = replace(case, model_error=share, structured=drawn_structured(share, random))
-    return FILLED[kind](case, i, random)
+    filled = FILLED[kind](case, i, random)
+    return replace(filled, law=drawn_law(random.spawn(1)[0])) if filled.effects else filled
 
 
 def _nothing(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001

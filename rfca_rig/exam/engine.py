@@ -65,6 +65,7 @@ _DRIVE = (
     "shaft_gap_rad",
     "ripple_share",
     "ripple_cycles",
+    "ripple_phase_rad",
     "cable_Nm",
 )
 
@@ -92,7 +93,8 @@ def _floor(world: World) -> Floats:
 def _mount(world: World) -> Floats:
     mount, links = world.mount, world.links
     pull = GRAVITY_M_S2 * np.array([np.sin(mount.lean_rad), np.cos(mount.lean_rad)])
-    return np.array([links.end_radius_m, links.drag_N_s2_per_m3, *pull, mount.frame_kg, mount.frame_N_per_m, mount.frame_N_s_per_m])
+    drag = links.drag_N_s2_per_m3, links.drag_power
+    return np.array([links.end_radius_m, *drag, *pull, mount.frame_kg, mount.frame_N_per_m, mount.frame_N_s_per_m])
 
 
 def _at_release(world: World, rod: Floats) -> tuple[Floats, Floats]:

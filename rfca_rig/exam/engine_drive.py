@@ -7,8 +7,8 @@ from rfca_rig.exam.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-# entries of `drive` (10)
-START, KP, KI, ROTOR, SHAFT, SHAFT_DAMPING, SHAFT_GAP, RIPPLE, CYCLES, CABLE = range(10)
+# entries of `drive` (11)
+START, KP, KI, ROTOR, SHAFT, SHAFT_DAMPING, SHAFT_GAP, RIPPLE, CYCLES, PHASE, CABLE = range(11)
 # entries of `motor` (4): commanded angle and speed, the motor's angle and speed
 TOLD, TOLD_SPEED, TURNED, TURNING = range(4)
 
@@ -29,7 +29,7 @@ def asked_speed(knots: Floats, t: float) -> float:
 @compiled
 def rippled(drive: Floats, angle: float, speed: float) -> float:
     """The speed that the command becomes at a shaft angle."""
-    return float(speed * (1.0 + drive[RIPPLE] * np.cos(drive[CYCLES] * (angle - drive[START]))))
+    return float(speed * (1.0 + drive[RIPPLE] * np.cos(drive[CYCLES] * (angle - drive[START]) + drive[PHASE])))
 
 
 @compiled

@@ -9,7 +9,7 @@ from rfca_rig.exam.engine_hinge import dahl
 
 Floats = NDArray[np.float64]
 
-# entries of `floor` (21)
+# entries of `floor` (22)
 (
     STIFFNESS,
     DAMPING,
@@ -29,13 +29,13 @@ Floats = NDArray[np.float64]
     BUMP_AT,
     BUMP_WIDTH,
     ADHESION,
+    HOLD,
     MAGNET,
     REACH,
     HEIGHT,
-) = range(21)
+) = range(22)
 
 TYPICAL_DEPTH_M = 3e-3  # under the paper's loads; laws of other powers are compared there
-HOLD_M = 2e-4  # depth over which adhesion takes hold
 ELASTIC_SHARE = 0.7  # of the way to full friction that a straight line of the first slope would take
 
 
@@ -46,7 +46,7 @@ def normal_force(floor: Floats, depth: float, rate: float) -> float:
     closing = rate if rate > 0.0 or floor[TWO_SIDED] != 0.0 else 0.0
     force = floor[STIFFNESS] * power * max(1.0 + floor[DAMPING] * closing, 0.0)
     if floor[ADHESION] != 0.0:
-        force -= floor[ADHESION] * np.tanh(depth / HOLD_M)
+        force -= floor[ADHESION] * np.tanh(depth / floor[HOLD])
     return float(force)
 
 
@@ -118,14 +118,14 @@ def attract(floor: Floats, radius: float, pose: Floats, load: Floats) -> None:
 
 
 @compiled
-def drag(coefficient: float, length: Floats, pose: Floats, load: Floats) -> None:
-    """Drag across each rod, at its middle, quadratic in the speed there."""
+def drag(coefficient: float, power: float, length: Floats, pose: Floats, load: Floats) -> None:
+    """Drag across each rod, at its middle, with this power of the speed there; `coefficient` is that at 1 m/s."""
     if coefficient == 0.0:
         return
     for k in range(load.shape[1]):
         c, s, half = pose[COS, k], pose[SIN, k], 0.5 * length[k]
         across = 0.5 * (pose[VD, k] + pose[VD, k + 1]) * c - 0.5 * (pose[VY, k] + pose[VY, k + 1]) * s
-        force = -coefficient * length[k] * across * abs(across)
+        force = -coefficient * length[k] * across * abs(across) ** (power - 1.0)
         load[FY, k] -= force * s
         load[FD, k] += force * c
         load[MOMENT, k] -= half * force  # it acts at the middle, the load is kept at the end

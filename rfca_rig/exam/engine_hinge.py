@@ -7,12 +7,10 @@ from rfca_rig.exam.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-# columns of `hinge` (n, 14), row 0 unused: the shaft has no spring
-K0, K2, DAMPING, GAP, PRESET, ASYMMETRY, QUADRATIC, STOP, STOP_STIFFNESS, PIN, LOOP, LOOP_ANGLE, ARM, ARM_TIME = range(14)
+# columns of `hinge` (n, 15), row 0 unused: the shaft has no spring
+K0, K2, DAMPING, GAP, PRESET, ASYMMETRY, QUADRATIC, STOP, STOP_STIFFNESS, PIN, LOOP, LOOP_ANGLE, ARM, ARM_TIME, PIN_CREEP = range(15)
 # columns of `memory` (n, 3): share of the pin's friction in use, the loop's share, the dashpot's angle
 PIN_SHARE, LOOP_SHARE, ARM_ANGLE = range(3)
-
-PIN_CREEP_RAD = 1e-3  # what a pin turns before it slips, far below what a photo shows
 
 
 @compiled
@@ -60,7 +58,7 @@ def hinge_torque(phi: float, moved: float, seconds: float, hinge: Floats, memory
     if over > 0.0:
         torque += hinge[i, STOP_STIFFNESS] * over * (1.0 if phi > 0.0 else -1.0)
     if hinge[i, PIN] != 0.0:
-        torque += hinge[i, PIN] * dahl(memory[i, PIN_SHARE], moved, 0.5 * PIN_CREEP_RAD)
+        torque += hinge[i, PIN] * dahl(memory[i, PIN_SHARE], moved, 0.5 * hinge[i, PIN_CREEP])
     if hinge[i, LOOP] != 0.0:
         torque += hinge[i, LOOP] * loop(memory[i, LOOP_SHARE], moved, hinge[i, LOOP_ANGLE])
     if hinge[i, ARM] != 0.0:
@@ -71,6 +69,6 @@ def hinge_torque(phi: float, moved: float, seconds: float, hinge: Floats, memory
 @compiled
 def remember_hinge(phi: float, moved: float, seconds: float, hinge: Floats, memory: Floats, i: int) -> None:
     """Brings the memory of hinge i up to date after a step."""
-    memory[i, PIN_SHARE] = dahl(memory[i, PIN_SHARE], moved, 0.5 * PIN_CREEP_RAD)
+    memory[i, PIN_SHARE] = dahl(memory[i, PIN_SHARE], moved, 0.5 * hinge[i, PIN_CREEP])
     memory[i, LOOP_SHARE] = loop(memory[i, LOOP_SHARE], moved, hinge[i, LOOP_ANGLE])
     memory[i, ARM_ANGLE] = arm(memory[i, ARM_ANGLE], phi - moved, phi, seconds, hinge[i, ARM_TIME])

@@ -25,8 +25,8 @@ from rfca_rig.exam.engine_hinge import DAMPING, QUADRATIC, hinge_torque, remembe
 
 Floats = NDArray[np.float64]
 
-# entries of `mount` (7)
-RADIUS, LINK_DRAG, GRAVITY_Y, GRAVITY_D, FRAME_MASS, FRAME_STIFFNESS, FRAME_DAMPING = range(7)
+# entries of `mount` (8)
+RADIUS, LINK_DRAG, DRAG_POWER, GRAVITY_Y, GRAVITY_D, FRAME_MASS, FRAME_STIFFNESS, FRAME_DAMPING = range(8)
 # columns of the samples: forces on the mount, torque into the leg and of the motor, the motor's angle and speed, then n angles
 FORCE_Y, FORCE_D, LEG_TORQUE, MOTOR_TORQUE, ANGLE, SPEED, BENT = range(7)
 
@@ -37,7 +37,7 @@ def load_bodies(rod: Floats, mount: Floats, floor: Floats, pose: Floats, used: F
     load[:] = 0.0
     press(floor, mount[RADIUS], pose, used, 0.5 * h, False, load)
     attract(floor, mount[RADIUS], pose, load)
-    drag(mount[LINK_DRAG], rod[LENGTH], pose, load)
+    drag(mount[LINK_DRAG], mount[DRAG_POWER], rod[LENGTH], pose, load)
 
 
 @compiled

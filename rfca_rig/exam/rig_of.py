@@ -8,6 +8,7 @@ from rfca_rig.exam.believed import believed_world, moved
 from rfca_rig.exam.cases import Case
 from rfca_rig.exam.concealed import with_effect
 from rfca_rig.exam.labels import really
+from rfca_rig.exam.laws import shape_laws
 from rfca_rig.exam.strangers import with_stranger
 from rfca_rig.exam.structured import distorted
 from rfca_rig.exam.uneven import made_uneven
@@ -41,6 +42,8 @@ def world_of(case: Case, height_m: float, scatter: Scatter, repeat: int, stronge
     damping = world.hinges.damping_Nm_s_per_rad
     for effect, values in case.effects.items():
         world = with_effect(world, effect, {name: _varied(name, value, stronger) for name, value in values.items()})
+    if case.law is not None:
+        world = shape_laws(world, case.law, damping)
     if case.uneven is not None:
         world = made_uneven(world, case.uneven, damping)
     for name, values in case.strangers.items():

@@ -43,6 +43,7 @@ def truth_of(case: Case) -> dict[str, Any]:
         "model_error": case.model_error,
         "structured": asdict(case.structured) if case.structured else None,
         "uneven": asdict(case.uneven) if case.uneven else None,
+        "law": asdict(case.law) if case.law else None,
         "design": asdict(case.design),
         "seed": case.seed,
     }

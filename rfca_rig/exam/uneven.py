@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rfca_rig.exam.laws import scale_hinges
 from rfca_rig.exam.world import HINGES, World
 
 HINGE_EFFECTS = (
@@ -17,21 +18,20 @@ HINGE_EFFECTS = (
 VARYING_EFFECTS = ("tip_mass", "ground_stribeck", "ground_adhesion", "sensor_crosstalk", "sensor_drift", "motor_speed_ripple")
 BENT_EFFECTS = ("ground_compliance", "sensor_gain", "fluid_drag")
 TYPICAL_N = 20.0
-STRONGER_IN_HINGES = ("pin_Nm", "gap_rad", "stop_Nm_per_rad", "loop_Nm", "arm_Nm_per_rad")
 
 
 @dataclass(frozen=True)
 class Uneven:
     """`of_hinge` (6,) scales what the effect does in each hinge; `per_condition` is the spread of its size from condition to condition;
     `bent` stands for another shape: a floor of exponent 1.1, a gain with curvature, drag beside damping in the hinges; `stribeck_power` is
-    the exponent of the speed in friction that falls with it.
+    the exponent of the speed in friction that falls with it, None for that of the case's law.
     """
 
     effect: str
     of_hinge: tuple[float, ...] = (1.0,) * HINGES
     per_condition: float = 0.0
     bent: bool = False
-    stribeck_power: float = 1.0
+    stribeck_power: float | None = None
 
 
 def drawn_uneven(i: int, random: np.random.Generator) -> Uneven:
@@ -61,12 +61,9 @@ def drawn_approximate(i: int, random: np.random.Generator) -> Uneven:
 
 def made_uneven(world: World, uneven: Uneven, believed_damping: tuple[float, ...]) -> World:
     """The world whose effect is in it already, with its law spoilt."""
-    hinges = world.hinges
-    scaled = {name: _times(getattr(hinges, name), uneven.of_hinge) for name in STRONGER_IN_HINGES}
-    more = zip(hinges.damping_Nm_s_per_rad, believed_damping, uneven.of_hinge, strict=True)
-    damping = tuple(base + (whole - base) * factor for whole, base, factor in more)
-    world = replace(world, hinges=replace(hinges, **scaled, damping_Nm_s_per_rad=damping))
-    world = replace(world, floor=replace(world.floor, stribeck_power=uneven.stribeck_power))
+    world = scale_hinges(world, uneven.of_hinge, believed_damping)
+    if uneven.stribeck_power is not None:
+        world = replace(world, floor=replace(world.floor, stribeck_power=uneven.stribeck_power))
     return _bent(world, uneven.effect) if uneven.bent else world
 
 
@@ -79,7 +76,3 @@ def _bent(world: World, effect: str) -> World:
     if effect == "sensor_gain":
         return replace(world, sensing=replace(sensing, curvature_per_N=(sensing.gain - 1.0) / 40.0))
     return replace(world, hinges=replace(hinges, quadratic_Nm_s2_per_rad2=(0.003,) * HINGES))
-
-
-def _times(values: tuple[float, ...], factors: tuple[float, ...]) -> tuple[float, ...]:
-    return tuple(value * factor for value, factor in zip(values, factors, strict=True))

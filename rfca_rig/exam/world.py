@@ -21,6 +21,7 @@ class Links:
     end_radius_m: float
     tip_mass_kg: float = 0.0
     drag_N_s2_per_m3: float = 0.0
+    drag_power: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,8 @@ class Hinges:
 
     The spring k0 x (1 + k2 x^2) engages at x = phi - preset, less the play `gap` on either side; `asymmetry` makes it harder by
     that share for x > 0 and softer for x < 0. Beside it: damping linear and quadratic in the rate, a stop, dry friction of the pin,
-    a rate-independent loop (torque and angle at which it saturates), a spring in series with a dashpot.
+    which is full after `pin_creep` of turn, a rate-independent loop (torque and angle at which it saturates), a spring in series with a
+    dashpot.
     """
 
     k0_Nm_per_rad: tuple[float, ...]
@@ -46,6 +48,7 @@ class Hinges:
     loop_rad: tuple[float, ...] = everywhere(1.0)
     arm_Nm_per_rad: tuple[float, ...] = everywhere(0.0)
     arm_s: tuple[float, ...] = everywhere(1.0)
+    pin_creep_rad: tuple[float, ...] = everywhere(1e-3)
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,8 @@ class Floor:
 
     Normal force stiffness depth^exponent (1 + damping * rate), the rate of separation counts too unless not `two_sided`.
     Friction mu N at the limit, reached over `presliding`; a viscous share beside it. `mu_backward_share` times mu for slip to -y.
-    The floor rises by `slope`, and by a bump of Gaussian shape. `adhesion` pulls while touching; `magnet` pulls the tip from afar,
+    The floor rises by `slope`, and by a bump of Gaussian shape. `adhesion` pulls while touching, fully from about
+    `adhesion_hold` of depth on; `magnet` pulls the tip from afar,
     half as strong at `magnet_reach / 2.41`, a quarter at `magnet_reach`. `lever_share` of the depth is taken off the lever of friction at
     a typical depth; `lever_power` says how that grows with the depth.
     """
@@ -77,6 +81,7 @@ class Floor:
     bump_at_m: float = 0.0
     bump_width_m: float = 1.0
     adhesion_N: float = 0.0
+    adhesion_hold_m: float = 2e-4
     magnet_N: float = 0.0
     magnet_reach_m: float = 1.0
 
@@ -99,6 +104,7 @@ class DriveOf:
     shaft_gap_rad: float = 0.0
     ripple_share: float = 0.0
     ripple_cycles: float = 1.0
+    ripple_phase_rad: float = 0.0
     cable_Nm: float = 0.0
     late_s: float = 0.0
 

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
 
 Values = Mapping[str, float]
 
+OF_PENDULUMS = "pendulum-like rigs"  # where an effect enters that a leg cannot have
+
 
 @dataclass(frozen=True)
 class Parameter:

@@ -11,6 +11,7 @@ from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
 from rfca_rig.analysis.fitting.space import Parameter as Believed
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.effect import OF_PENDULUMS
 from rfca_rig.model.effect import Parameter as OfEffect
 from rfca_rig.model.relinking import MOST_LINKS
 from rfca_rig.model.strip import table_1_materials
@@ -72,7 +73,8 @@ def quantities() -> dict[str, Quantity]:
     """All of them by name: the stroke, the strip, the links, what the model believes, effects."""
     own = (*_of_the_stroke(), *_of_the_strip(), *_of_the_links())
     believed = (_believed(parameter) for name, parameter in PARAMETERS.items() if name != HEIGHT)
-    effects = (_of_effect(id_, parameter) for id_, effect in sorted(catalogue().items()) for parameter in effect.parameters)
+    of_legs = (effect for _, effect in sorted(catalogue().items()) if effect.where != OF_PENDULUMS)
+    effects = (_of_effect(effect.id, parameter) for effect in of_legs for parameter in effect.parameters)
     return {each.name: each for each in (*own, *believed, *effects)}
 
 
