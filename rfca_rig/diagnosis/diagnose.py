@@ -25,7 +25,7 @@ from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.model.effect import Effect
+from rfca_rig.model.effect import OF_PENDULUMS, Effect
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.protocol.plan import Limits
@@ -34,7 +34,6 @@ from rfca_rig.recording.identity import identity_of
 
 Floats = NDArray[np.float64]
 
-OF_PENDULUMS = "pendulum-like rigs"
 SEEN_ON_THE_SHAFT = ("motor_speed_droop", "motor_speed_ripple")
 # A twist between motor and leg shows in the recorded angle where the encoder is on the leg's side, in the forces alone where it is not.
 DRIVE_EFFECTS = (*SEEN_ON_THE_SHAFT, "shaft_compliance")

@@ -28,6 +28,7 @@ from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, driven
 
 Floats = NDArray[np.float64]
 
+SWINGS = "swings"  # what their experiment is called
 WINDOW_S = 0.5
 BIN_S = 0.05  # ten rows per window and signal: pendulums of laboratory size turn back a few times a second
 WINDOWS_OF_STRETCH = 4
@@ -90,7 +91,7 @@ class Stretch:
             phase=np.full(len(t_s), self.run),
             label=np.concatenate(label),
             condition=np.zeros(len(t_s), dtype=np.intp),
-            labels=tuple(Label("swings", self.named, signal) for signal in self.signals),
+            labels=tuple(Label(SWINGS, self.named, signal) for signal in self.signals),
         )
 
 
