@@ -1,6 +1,6 @@
 """What was recorded as one vector of independent statements: means over short bins, and over repeats, of every signal.
 
-A stroke is cut into bins of 10 to 25 ms, which lose nothing of a leg that swings in tenths of seconds; each bin's value is the mean
+A recording is cut into bins that lose nothing of how the rig moves, as 10 to 25 ms of a stroke; each bin's value is the mean
 over its samples and over the repeats. Static stages stand below as they were read.
 """
 

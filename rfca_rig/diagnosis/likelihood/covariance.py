@@ -1,4 +1,4 @@
-"""How far model and recording may lie apart before something is missing: noise, what differs from stroke to stroke, a model that is a
+"""How far model and recording may lie apart before something is missing: noise, what differs from repeat to repeat, a model that is a
 little wrong everywhere.
 
     C(s) = D + s^2 K + B B^T,   D = diag(noise^2)

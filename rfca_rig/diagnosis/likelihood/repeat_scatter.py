@@ -52,27 +52,27 @@ def _learnt(evidence: Dataset, effect: Floats, usual: Floats) -> Floats:
     rows = evidence.rows
     residuals: list[Floats] = []
     effects: list[Floats] = []
-    stroke: list[NDArray[np.intp]] = []
-    for number, strokes in enumerate(part.repeats for part in evidence.parts):
-        here, count = rows.condition == number, len(strokes)
+    repeat: list[NDArray[np.intp]] = []
+    for number, repeats in enumerate(part.repeats for part in evidence.parts):
+        here, count = rows.condition == number, len(repeats)
         if count < 2:
             continue
         noise = np.sqrt(count) * rows.noise[here]
-        for deviation in (strokes - strokes.mean(axis=0)) * np.sqrt(count / (count - 1.0)):
-            stroke.append(np.full(len(noise), len(stroke)))
+        for deviation in (repeats - repeats.mean(axis=0)) * np.sqrt(count / (count - 1.0)):
+            repeat.append(np.full(len(noise), len(repeat)))
             residuals.append(-deviation / noise)
             effects.append(effect[here] / noise[:, None])
     if not residuals or not len(usual):
         return usual
-    return found_scatter(usual, np.concatenate(effects), np.concatenate(residuals), np.concatenate(stroke))
+    return found_scatter(usual, np.concatenate(effects), np.concatenate(residuals), np.concatenate(repeat))
 
 
 def _per_condition(evidence: Dataset, effect: Floats) -> Floats:
     """One column per condition and quantity: conditions deviate independently, and less the more repeats are averaged."""
     condition = evidence.rows.condition
     columns = [
-        np.where(condition == number, effect[:, k], 0.0) / np.sqrt(len(strokes))
-        for number, strokes in enumerate(part.repeats for part in evidence.parts)
+        np.where(condition == number, effect[:, k], 0.0) / np.sqrt(len(repeats))
+        for number, repeats in enumerate(part.repeats for part in evidence.parts)
         for k in range(effect.shape[1])
         if np.any(effect[condition == number, k])
     ]
