@@ -2,12 +2,14 @@
 
 Entry points: `diagnose.diagnose` for a leg, `pendulum.diagnose_pendulum` for a driven chain. Both take these steps, one sub-package each:
 
-1. `data`: recordings become vectors of observations, condition by condition, and the simulator's answer to the same.
+1. `data`: recordings become vectors of observations, condition by condition, and a simulator predicts the same.
 2. `likelihood`: the covariance of noise, repeat scatter and model discrepancy; Laplace approximation; cross-validation.
 3. `inference`: MAP fits of hypotheses (sets of effects), and the search over them.
 4. `decision`: acceptance tests, negative controls, detection limits, and the verdict.
 5. `residual_force`: where and in which form an effect outside the catalogue acts.
 6. `experiment_design`: the experiment that separates the hypotheses that remain open.
+
+`simulator` is the interface through which steps 1 to 4 see a rig. `leg` and `pendulums` implement it; a further simulator needs no more.
 
 `result.Diagnosis` is the answer as plain values, which the report, the JSON file and the terminal read.
 """

@@ -11,22 +11,21 @@ from rfca_rig.analysis.repeats import Condition, conditions_of
 from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.description.believed import believed_model
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
-from rfca_rig.diagnosis.data.dataset import make_dataset
-from rfca_rig.diagnosis.data.drive_tracking import excluded_by_tracking
-from rfca_rig.diagnosis.data.shaft_observations import ShaftCondition, late_s, shaft_condition, tracks_command
-from rfca_rig.diagnosis.data.stages import HOLD_S, StageTable, stage_tables
-from rfca_rig.diagnosis.data.static_history import infer_approach
-from rfca_rig.diagnosis.data.strokes import FlapCondition, flap_condition, turn_of
 from rfca_rig.diagnosis.decision.decide import Decision, decide
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
-from rfca_rig.diagnosis.inference.nuisances import nuisances_of, nuisances_of_drive
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
+from rfca_rig.diagnosis.leg.drive_tracking import excluded_by_tracking
+from rfca_rig.diagnosis.leg.nuisances import nuisances_of, nuisances_of_drive
+from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, late_s, shaft_condition, tracks_command
+from rfca_rig.diagnosis.leg.simulator import infer_approach, leg_dataset
+from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, stage_tables
+from rfca_rig.diagnosis.leg.strokes import FlapCondition, flap_condition, turn_of
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.model.effect import Effect
+from rfca_rig.model.effect import OF_PENDULUMS, Effect
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.protocol.plan import Limits
@@ -35,7 +34,6 @@ from rfca_rig.recording.identity import identity_of
 
 Floats = NDArray[np.float64]
 
-OF_PENDULUMS = "pendulum-like rigs"
 SEEN_ON_THE_SHAFT = ("motor_speed_droop", "motor_speed_ripple")
 # A twist between motor and leg shows in the recorded angle where the encoder is on the leg's side, in the forces alone where it is not.
 DRIVE_EFFECTS = (*SEEN_ON_THE_SHAFT, "shaft_compliance")
@@ -79,12 +77,12 @@ def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits
     """
     progress("reading", 0.0)
     body, tables = _body(recordings)
-    evidence = make_dataset([*body.flaps, *tables])
+    evidence = leg_dataset([*body.flaps, *tables], body.as_commanded)
     effects, of_drive = (
         select_candidates(_candidates(body), without),
         select_candidates(map(catalogue().__getitem__, DRIVE_EFFECTS), without),
     )
-    leg = search_models(evidence, body.coordinates, effects, progress, body.as_commanded)
+    leg = search_models(evidence, body.coordinates, effects, progress)
     drive = drive_found(body, leg, of_drive, progress) if not body.as_commanded else None
     verdicts = Findings(leg, decide(leg, len(effects)), drive, None if drive is None else decide(drive, len(of_drive)))
     progress("summing up", 0.97)
@@ -101,7 +99,7 @@ def search_base(recordings: Sequence[Recording], progress: Progress) -> ModelSel
     Raises BadInput where the recordings cannot be used together or at all, SimulationFailed where the model cannot be computed.
     """
     body, tables = _body(recordings)
-    return search_models(make_dataset([*body.flaps, *tables]), body.coordinates, [], progress, body.as_commanded)
+    return search_models(leg_dataset([*body.flaps, *tables], body.as_commanded), body.coordinates, [], progress)
 
 
 def _named(recording: Recording) -> Diagnosed:
@@ -129,7 +127,7 @@ def _body(recordings: Sequence[Recording]) -> tuple[PreparedData, tuple[StageTab
     stages = [stage for recording in recordings for stage in recording.static]
     tables = stage_tables(stages, noise_std, StageMoves(1.0, 0.005, HOLD_S))
     if tables:
-        moves = infer_approach(tables, coordinates, np.zeros(coordinates.size))
+        moves = infer_approach(tables, coordinates.supposed, np.zeros(coordinates.size))
         tables = tuple(replace(table, moves=moves) for table in tables)
     title = "; ".join(recording.title for recording in recordings)
     return PreparedData(title, rig, known_to, noise_std, flaps, shafts, as_commanded, coordinates, remarks), tables
@@ -161,7 +159,7 @@ def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence
     stiff = [h for h in leg.named if all(choice.effect.where != "drive" for choice in h.fitted.coordinates.choices)]
     best = max((leg.nothing, *stiff), key=lambda hypothesis: hypothesis.log_joint)
     supposed = best.fitted.coordinates.supposed(best.fitted.x)
-    evidence = make_dataset(body.shafts)
+    evidence = leg_dataset(body.shafts)
     found = []
     for holds_start in (False, True):
         rig = replace(supposed.rig, drive=replace(supposed.rig.drive, holds_start=holds_start))

@@ -11,8 +11,9 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.diagnosis.data.observations import rms
-from rfca_rig.diagnosis.data.strokes import BOUNDED, FORCES, FlapCondition
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
+from rfca_rig.diagnosis.leg.strokes import BOUNDED, FlapCondition
+from rfca_rig.diagnosis.likelihood.covariance import AtError
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
 from rfca_rig.diagnosis.result import BeforeAfter, Overlay
 from rfca_rig.errors import SimulationFailed
@@ -20,39 +21,42 @@ from rfca_rig.model.stroke import stroke_following
 
 Floats = NDArray[np.float64]
 
+DYNAMIC = "dynamic"
 
-def before_and_after(found: ModelSelectionResult, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
-    """Rms of strokes against the model as believed and as accepted, per signal, and what noise and scatter leave of it."""
-    rows = found.evidence.rows
-    after = accepted.rows
-    floor = np.sqrt(rows.noise**2 + (found.scatter.columns**2).sum(axis=1))
-    figures = {}
-    for signal in FORCES:
-        here = (rows.signal == signal) & (rows.experiment == "dynamic")
-        if here.any():
-            figures[f"rms_{signal}"] = BeforeAfter(
-                rms((rows.measured - found.believed.predicted)[here]), rms((rows.measured - after)[here]), rms(floor[here])
-            )
-    return figures
+
+def before_and_after(found: ModelSelectionResult, accepted: Hypothesis, experiment: str = DYNAMIC) -> Mapping[str, BeforeAfter]:
+    """Rms against the model as believed and as accepted, per signal, and what noise and scatter leave of it."""
+    measured = found.evidence.rows.measured
+    return _by_signal(found, "rms", measured - found.believed.predicted, measured - accepted.rows, experiment)
 
 
 def held_out(found: ModelSelectionResult, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
     """The same on conditions that were left out in turn: all unknowns fitted to the others, without and with the effect."""
+    linears = [hypothesis.fitted.linear(found.evidence.rows.measured) for hypothesis in (found.nothing, accepted)]
+    return held_out_under(found, accepted, [found.judge.level(linear) for linear in linears], DYNAMIC)
+
+
+def held_out_under(
+    found: ModelSelectionResult, accepted: Hypothesis, whitenings: Sequence[AtError], experiment: str
+) -> Mapping[str, BeforeAfter]:
+    """The same with a covariance each for nothing missing and for what is accepted."""
     rows = found.evidence.rows
-    dynamic = sorted({int(c) for c in rows.condition[rows.experiment == "dynamic"]})
-    if len(dynamic) < 2:
+    conditions = sorted({int(c) for c in rows.condition[rows.experiment == experiment]})
+    if len(conditions) < 2:
         return {}
     before, after = (
-        loo_residuals(linear, found.judge.level(linear), rows.condition, dynamic)
-        for linear in (hypothesis.fitted.linear(rows.measured) for hypothesis in (found.nothing, accepted))
+        loo_residuals(hypothesis.fitted.linear(rows.measured), whitening, rows.condition, conditions)
+        for hypothesis, whitening in zip((found.nothing, accepted), whitenings, strict=True)
     )
+    return _by_signal(found, "held_out_rms", before, after, experiment)
+
+
+def _by_signal(found: ModelSelectionResult, name: str, before: Floats, after: Floats, experiment: str) -> dict[str, BeforeAfter]:
+    """Rms of residuals before and after, and of the floor below both, of each signal of one experiment."""
+    rows = found.evidence.rows
     floor = np.sqrt(rows.noise**2 + (found.scatter.columns**2).sum(axis=1))
-    figures = {}
-    for signal in FORCES:
-        here = (rows.signal == signal) & np.isin(rows.condition, dynamic)
-        if here.any():
-            figures[f"held_out_rms_{signal}"] = BeforeAfter(rms(before[here]), rms(after[here]), rms(floor[here]))
-    return figures
+    of_signal = {str(signal): (rows.signal == signal) & (rows.experiment == experiment) for signal in np.unique(rows.signal)}
+    return {f"{name}_{s}": BeforeAfter(rms(before[h]), rms(after[h]), rms(floor[h])) for s, h in of_signal.items() if h.any()}
 
 
 def valley_errors(flaps: Sequence[FlapCondition], believed: Supposed, after: Supposed, drive_found: bool) -> Mapping[str, BeforeAfter]:
@@ -96,12 +100,12 @@ def _error(pairs: Sequence[tuple[float, float]]) -> float:
     return float(np.mean([100.0 * abs(simulated - measured) / abs(measured) for simulated, measured in pairs]))
 
 
-def overlays(found: ModelSelectionResult, accepted: Hypothesis) -> tuple[Overlay, ...]:
+def overlays(found: ModelSelectionResult, accepted: Hypothesis, experiment: str = DYNAMIC) -> tuple[Overlay, ...]:
     """Measured means with both models, condition by condition and signal by signal."""
     rows = found.evidence.rows
     after = accepted.rows
     return tuple(
         Overlay(label.condition, label.signal, rows.t_s[here], rows.measured[here], found.believed.predicted[here], after[here])
         for number, label in enumerate(rows.labels)
-        if label.experiment == "dynamic" and len(here := np.flatnonzero(rows.label == number))
+        if label.experiment == experiment and len(here := np.flatnonzero(rows.label == number))
     )

@@ -7,15 +7,14 @@ from rfca_rig.analysis.swings import SwingProblem, swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions
-from rfca_rig.diagnosis.data.dataset import make_dataset
-from rfca_rig.diagnosis.data.pendulum_windows import BIN_S, WINDOW_S, stretches_of
 from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.inference.pendulum_nuisances import space_of_pendulum
 from rfca_rig.diagnosis.pendulum_candidates import candidates_of
 from rfca_rig.diagnosis.pendulum_result import build_result
+from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum
+from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, pendulum_dataset, stretches_of
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.model.effect import Effect
 
@@ -39,4 +38,4 @@ def search_pendulum(problem: SwingProblem, progress: Progress, without: Collecti
     """The search over all effects that a pendulum may lack, and those effects."""
     effects = candidates_of(problem, without)
     coordinates = Parameterization(space_of_pendulum(problem.pendulum, problem.nuisances))
-    return search_models(make_dataset(stretches_of(problem)), coordinates, effects, progress), effects
+    return search_models(pendulum_dataset(stretches_of(problem)), coordinates, effects, progress), effects

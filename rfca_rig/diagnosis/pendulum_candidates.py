@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.swings import SwingProblem
 from rfca_rig.diagnosis.candidate_effects import select_candidates
-from rfca_rig.diagnosis.data.pendulum_windows import usual_torque_Nm
+from rfca_rig.diagnosis.pendulums.windows import usual_torque_Nm
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.model.effect import Effect, Parameter
+from rfca_rig.model.effect import OF_PENDULUMS, Effect, Parameter
 
 Floats = NDArray[np.float64]
 
-OF_PENDULUMS = "pendulum-like rigs"
 OF_TORQUE = ("torque_scale", "torque_delay", "torque_lag", "joint_load_friction", "angle_lag")
 OF_SPEED = ("speed_lag",)
 OF_TWO_JOINTS = ("joint_friction_of_one",)

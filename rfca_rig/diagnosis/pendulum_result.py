@@ -4,26 +4,22 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rfca_rig.analysis.swings import TORQUE_ERROR
 from rfca_rig.campaign.pendulum import PendulumCampaign
-from rfca_rig.diagnosis.data.observations import rms
-from rfca_rig.diagnosis.data.pendulum_windows import BIN_S, WINDOW_S
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
 from rfca_rig.diagnosis.decision.wording import describe, describe_unexplained
 from rfca_rig.diagnosis.experiment_design.pendulum_experiment import next_swing
+from rfca_rig.diagnosis.figures import before_and_after, held_out_under, overlays
 from rfca_rig.diagnosis.inference.hypotheses import PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN, Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.screening import projection_of
-from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import USUAL_ERROR
+from rfca_rig.diagnosis.pendulums.windows import BIN_S, SWINGS, WINDOW_S
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch
-from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Grade, NotSeen, Overlay, Value, Verdict
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Grade, NotSeen, Value, Verdict
 from rfca_rig.diagnosis.result_builder import moved_priors, present_effects
 from rfca_rig.model.effect import Effect
-
-Floats = NDArray[np.float64]
 
 FEWEST_STRETCHES = 3
 
@@ -50,14 +46,14 @@ def build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decisi
         gates=decision.gates,
         rivals=decision.rivals[:12],
         not_seen=_not_seen(found, explanation, decision.suspects, effects),
-        fit=_fit(found, explanation),
+        fit=before_and_after(found, explanation, SWINGS),
         held_out=_held_out(found, explanation),
         valley={},
         unexplained=(*_unexplained(grade, decision), *_closest(verdict, found, decision)),
         remarks=(),
         next_experiment=next_swing(campaign, found, decision, enough),
         believed_values=_values(explanation),
-        overlays=_overlays(found, explanation),
+        overlays=overlays(found, explanation, SWINGS),
         settings=_settings(campaign, found, effects),
         found_effects=present_effects(accepted),
         found_rig=supposed.rig,
@@ -112,35 +108,9 @@ def _not_seen(
     return find_detection_limits(others, found.trials, projection, fitted.coordinates.supposed(fitted.x).rig)
 
 
-def _fit(found: ModelSelectionResult, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
-    """Rms per signal of the model as believed and as accepted, and what noise leaves of it."""
-    rows, after = found.evidence.rows, accepted.rows
-    return {
-        f"rms_{signal}": BeforeAfter(
-            rms((rows.measured - found.believed.predicted)[here]), rms((rows.measured - after)[here]), rms(rows.noise[here])
-        )
-        for signal, here in _signals(found)
-    }
-
-
 def _held_out(found: ModelSelectionResult, accepted: Hypothesis) -> Mapping[str, BeforeAfter]:
-    """The same on stretches left out in turn: all unknowns fitted to the others, without and with the effect."""
-    if len(found.evidence.parts) < 2:
-        return {}
-    before, after = (_foretold_apart(found, hypothesis) for hypothesis in (found.nothing, accepted))
-    noise = found.evidence.rows.noise
-    return {f"held_out_rms_{s}": BeforeAfter(rms(before[h]), rms(after[h]), rms(noise[h])) for s, h in _signals(found)}
-
-
-def _foretold_apart(found: ModelSelectionResult, hypothesis: Hypothesis) -> Floats:
-    rows = found.evidence.rows
-    linear, whitening = hypothesis.fitted.linear(rows.measured), hypothesis.judgement.whitening
-    return loo_residuals(linear, whitening, rows.condition, range(len(found.evidence.parts)))
-
-
-def _signals(found: ModelSelectionResult) -> list[tuple[str, NDArray[np.bool_]]]:
-    signal = found.evidence.rows.signal
-    return [(str(name), signal == name) for name in np.unique(signal)]
+    """Rms on stretches left out in turn, without and with the effect, each under the discrepancy of its own hypothesis."""
+    return held_out_under(found, accepted, [hypothesis.judgement.whitening for hypothesis in (found.nothing, accepted)], SWINGS)
 
 
 def _values(accepted: Hypothesis) -> Mapping[str, Value]:
@@ -149,15 +119,6 @@ def _values(accepted: Hypothesis) -> Mapping[str, Value]:
     std = np.sqrt(np.diag(posterior.covariance))[: len(space.std)] * space.std
     at = space.at(posterior.mean[: len(space.std)])
     return {parameter.name: Value(parameter.read(at), float(s)) for parameter, s in zip(space.parameters, std, strict=True)}
-
-
-def _overlays(found: ModelSelectionResult, accepted: Hypothesis) -> tuple[Overlay, ...]:
-    rows, after = found.evidence.rows, accepted.rows
-    return tuple(
-        Overlay(label.condition, label.signal, rows.t_s[here], rows.measured[here], found.believed.predicted[here], after[here])
-        for number, label in enumerate(rows.labels)
-        if len(here := np.flatnonzero(rows.label == number))
-    )
 
 
 def _settings(campaign: PendulumCampaign, found: ModelSelectionResult, effects: Sequence[Effect]) -> Mapping[str, object]:

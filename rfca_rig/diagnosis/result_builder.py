@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.data.shaft_observations import late_s, turns_as_commanded
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
 from rfca_rig.diagnosis.decision.wording import describe, describe_unexplained
@@ -15,6 +14,7 @@ from rfca_rig.diagnosis.experiment_design.next_experiment import next_experiment
 from rfca_rig.diagnosis.figures import before_and_after, held_out, overlays, valley_errors
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.screening import projection_of
+from rfca_rig.diagnosis.leg.shaft_observations import late_s, turns_as_commanded
 from rfca_rig.diagnosis.residual_force.free_form import free_form, place_of
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch, lone_channel
 from rfca_rig.diagnosis.result import (

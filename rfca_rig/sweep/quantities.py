@@ -8,7 +8,7 @@ from functools import cache, partial
 import numpy as np
 
 from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
-from rfca_rig.analysis.fitting.parameters import Parameter as Believed
+from rfca_rig.analysis.fitting.space import Parameter as Believed
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import OF_PENDULUMS
@@ -128,7 +128,7 @@ def _of_the_links() -> tuple[Quantity, ...]:
     )
 
 
-def _believed(parameter: Believed) -> Quantity:
+def _believed(parameter: Believed[Supposed]) -> Quantity:
     def write(at: Design, value: Value) -> Design:
         return replace(at, rig=parameter.write(Supposed(at.rig), _number(value)).rig)
 
@@ -141,7 +141,7 @@ def _believed(parameter: Believed) -> Quantity:
     )
 
 
-def _limits_of(parameter: Believed) -> Callable[[Value], str | None]:
+def _limits_of(parameter: Believed[Supposed]) -> Callable[[Value], str | None]:
     if parameter.name == "start_angle":
         return _between(-180.0, 180.0)
     if parameter.name == "friction":
@@ -160,7 +160,7 @@ def _of_effect(id_: str, parameter: OfEffect) -> Quantity:
     )
 
 
-def _with_unit(parameter: Believed) -> str:
+def _with_unit(parameter: Believed[Supposed]) -> str:
     """As model files have it: k0 in N m/rad is k0_Nm_per_rad, k2 in 1/rad2 is k2_per_rad2."""
     unit = parameter.unit.replace("m1.5", "m1p5")
     for written, named in UNIT_WORDS.items():

@@ -10,15 +10,15 @@ import numpy as np
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.description.rig_file import read_rig
-from rfca_rig.diagnosis.data.dataset import make_dataset
-from rfca_rig.diagnosis.data.stages import stage_tables
-from rfca_rig.diagnosis.data.strokes import FlapCondition, flap_condition, turn_of
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.diagnose import Findings, PreparedData
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton
-from rfca_rig.diagnosis.inference.nuisances import nuisances_of
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.leg.nuisances import nuisances_of
+from rfca_rig.diagnosis.leg.simulator import leg_dataset
+from rfca_rig.diagnosis.leg.stages import stage_tables
+from rfca_rig.diagnosis.leg.strokes import FlapCondition, flap_condition, turn_of
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
 from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter
 from rfca_rig.diagnosis.result import NamedEffect
@@ -66,7 +66,7 @@ def present(effect: str, **values: float) -> PresentEffect:
 
 def found_among(parts, rivals: Sequence[str], known_to=KNOWN_TO, rig: RigModel = RIG) -> ModelSelectionResult:
     """What a search over these effects alone would leave, "" for nothing missing, all equally likely before."""
-    evidence, coordinates = make_dataset(parts), Parameterization(nuisances_of(rig, known_to, 0.0))
+    evidence, coordinates = leg_dataset(parts), Parameterization(nuisances_of(rig, known_to, 0.0))
     judge = make_marginal_likelihood(evidence.rows, np.empty((len(evidence.rows.measured), 0)))
     descent = GaussNewton(evidence, judge)
     base = descent.at(coordinates, np.zeros(coordinates.size))

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.data.dataset import make_dataset
-from rfca_rig.diagnosis.data.stages import stage_tables
-from rfca_rig.diagnosis.data.static_history import MOVES, with_free_friction, with_inferred_approach
-from rfca_rig.diagnosis.inference.nuisances import nuisances_of
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.leg.nuisances import nuisances_of
+from rfca_rig.diagnosis.leg.simulator import MOVES, LegSimulator, leg_dataset
+from rfca_rig.diagnosis.leg.stages import stage_tables
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, read_at_rest
 
@@ -24,6 +23,15 @@ def hypothesis():
     return coordinates, np.append(np.zeros(coordinates.nuisances), 0.3)
 
 
+def inferred(evidence, hypothesis, stopped_as_told=True):
+    coordinates, x = hypothesis
+    return evidence.with_parts(LegSimulator(stopped_as_told).infer_history(evidence.parts, coordinates.supposed, x))
+
+
+def forgotten(evidence):
+    return evidence.with_parts(evidence.simulator.forget_history(evidence.parts))
+
+
 def table(moves, coordinates, x):
     return read_at_rest(coordinates.supposed(x), moves, ANGLES_DEG)
 
@@ -31,22 +39,22 @@ def table(moves, coordinates, x):
 @pytest.mark.parametrize("true", MOVES)
 def test_the_moves_are_told_around_the_leg_that_was_there(hypothesis, true):
     stages = table(true, *hypothesis)
-    supposed = [make_dataset(stage_tables(stages, {}, moves)) for moves in MOVES]
-    found = [with_inferred_approach(evidence, *hypothesis, stopped_as_told=True) for evidence in supposed]
-    assert [evidence.tables[0].moves for evidence in found] == [true] * len(MOVES)
+    supposed = [leg_dataset(stage_tables(stages, {}, moves)) for moves in MOVES]
+    found = [inferred(evidence, hypothesis) for evidence in supposed]
+    assert [evidence.parts[0].moves for evidence in found] == [true] * len(MOVES)
     assert found[MOVES.index(true)] is supposed[MOVES.index(true)]
 
 
 def test_strokes_alone_are_left_as_they_are(hypothesis):
-    evidence = make_dataset(stage_tables(table(MOVES[0], *hypothesis), {}, MOVES[0]))
+    evidence = leg_dataset(stage_tables(table(MOVES[0], *hypothesis), {}, MOVES[0]))
     without = replace(evidence, parts=())
-    assert with_inferred_approach(without, *hypothesis, stopped_as_told=True) is without and with_free_friction(without) is without
+    assert inferred(without, hypothesis) is without and forgotten(without) is without
 
 
 def test_before_the_moves_are_known_friction_is_left_open_and_afterwards_it_counts(hypothesis):
-    evidence = make_dataset(stage_tables(table(MOVES[0], *hypothesis), {}, MOVES[1]))
-    extra_directions = with_free_friction(evidence)
+    evidence = leg_dataset(stage_tables(table(MOVES[0], *hypothesis), {}, MOVES[1]))
+    extra_directions = forgotten(evidence)
     assert extra_directions.rows.jolt.max() > 0.0 and not evidence.rows.jolt.any()
-    known = with_inferred_approach(extra_directions, *hypothesis, stopped_as_told=True)
-    assert not known.rows.jolt.any() and known.tables[0].moves == MOVES[0]
-    assert with_inferred_approach(extra_directions, *hypothesis, stopped_as_told=False).rows.jolt.max() > 0.0
+    known = inferred(extra_directions, hypothesis)
+    assert not known.rows.jolt.any() and known.parts[0].moves == MOVES[0]
+    assert inferred(extra_directions, hypothesis, stopped_as_told=False).rows.jolt.max() > 0.0

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, without_scatter
-from rfca_rig.diagnosis.inference.nuisances import nuisances_of
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.leg.nuisances import nuisances_of
+from rfca_rig.diagnosis.leg.simulator import leg_dataset
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
@@ -20,7 +20,7 @@ HALF = {"contact_stiffness_relative": 0.5}
 @pytest.fixture(scope="module")
 def found():
     """A soft floor fitted to a leg on one, the believed contact known to a half."""
-    evidence = make_dataset(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
+    evidence = leg_dataset(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
     descent = without_scatter(evidence)
     coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO | HALF, 0.0), (EffectTerm(catalogue()["ground_compliance"]),))
     x = np.zeros(coordinates.size)

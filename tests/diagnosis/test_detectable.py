@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.repeats import conditions_of
-from rfca_rig.diagnosis.data.drive_tracking import excluded_by_tracking
-from rfca_rig.diagnosis.data.shaft_observations import shaft_condition, tracking_error
 from rfca_rig.diagnosis.decision.detection_limits import _threshold, find_detection_limits
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, coordinate_of
 from rfca_rig.diagnosis.inference.screening import EffectProbe
+from rfca_rig.diagnosis.leg.drive_tracking import excluded_by_tracking
+from rfca_rig.diagnosis.leg.shaft_observations import shaft_condition, tracking_error
 from rfca_rig.diagnosis.residual_force.mismatch_map import _holm
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import RIG, late, present, recorded

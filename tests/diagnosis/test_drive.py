@@ -7,11 +7,11 @@ import pytest
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.diagnosis.data.observations import rms
-from rfca_rig.diagnosis.data.shaft_observations import late_s, shaft_condition, tracks_command, turns_as_commanded
-from rfca_rig.diagnosis.data.strokes import turn_of
 from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.diagnose import SEEN_ON_THE_SHAFT, drive_found
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
+from rfca_rig.diagnosis.leg.shaft_observations import late_s, shaft_condition, tracks_command, turns_as_commanded
+from rfca_rig.diagnosis.leg.strokes import turn_of
 from rfca_rig.diagnosis.result import Gate
 from rfca_rig.diagnosis.result_builder import _gates, _late
 from rfca_rig.diagnosis.result_builder import sentence as sentence_of

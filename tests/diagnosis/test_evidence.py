@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.diagnosis.data.dataset import make_dataset
-from rfca_rig.diagnosis.data.stages import stage_tables
-from rfca_rig.diagnosis.data.static_history import MOVES
+from rfca_rig.diagnosis.leg.simulator import MOVES, leg_dataset, tables_of
+from rfca_rig.diagnosis.leg.stages import stage_tables
 from rfca_rig.model.parameters import Swing
 from tests.diagnosis.by_hand import RIG, flaps_of, present, read_at_rest, recorded
 
@@ -21,7 +20,7 @@ def evidence():
     """Two strokes and a table."""
     strokes = recorded(RIG, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)
     tables = stage_tables(read_at_rest(Supposed(RIG), MOVES[0], (60.0, 90.0, 120.0)), {}, MOVES[0])
-    return make_dataset([*flaps_of(strokes), *tables])
+    return leg_dataset([*flaps_of(strokes), *tables])
 
 
 def test_the_answer_to_one_question_has_the_conditions_in_their_order(evidence):
@@ -44,7 +43,7 @@ def test_a_table_answers_alike_to_what_only_a_stroke_shows(evidence, changed):
 
 
 def test_a_table_that_was_asked_before_answers_to_what_is_asked_now(evidence):
-    (table,) = evidence.tables
+    (table,) = tables_of(evidence.parts)
     asked = (Supposed(RIG), STIFF, Supposed(RIG, height_offset_m=1e-3), Supposed(RIG, turn_offset_rad=1e-3))
     answers = [table.simulated(supposed) for supposed in (*asked, *asked)]
     assert all(np.array_equal(first, again) for first, again in zip(answers[:4], answers[4:], strict=True))

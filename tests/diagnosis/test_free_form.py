@@ -9,10 +9,10 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import StrokePhases
 from rfca_rig.analysis.valley import Valley
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.diagnosis.data.dataset import make_dataset
-from rfca_rig.diagnosis.data.strokes import FlapCondition, Turn
 from rfca_rig.diagnosis.diagnose import _body
 from rfca_rig.diagnosis.inference.model_selection import search_models
+from rfca_rig.diagnosis.leg.simulator import leg_dataset
+from rfca_rig.diagnosis.leg.strokes import FlapCondition, Turn
 from rfca_rig.diagnosis.residual_force.force_inputs import nominal_conditions, places_of
 from rfca_rig.diagnosis.residual_force.free_form import free_form
 from rfca_rig.diagnosis.residual_force.hinge_series import SERIES, SURE_OF_SIGN_RAD_S, series
@@ -33,7 +33,7 @@ def told(folder, strangers):
     (case,) = drawn_cases(7, {NOTHING: 1})
     write_campaign(replace(case, design=SHORT, strangers=strangers), folder / "campaign")
     body, _ = _body([read_campaign(folder / "campaign")])
-    return free_form(search_models(make_dataset(body.flaps), body.coordinates, [], lambda *_: None))
+    return free_form(search_models(leg_dataset(body.flaps), body.coordinates, [], lambda *_: None))
 
 
 def test_bumps_add_up_to_a_force_that_is_there_before_the_start():

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.data.dataset import Dataset, make_dataset
 from rfca_rig.diagnosis.inference import continuation as growing
 from rfca_rig.diagnosis.inference.continuation import continue_from_beginnings
 from rfca_rig.diagnosis.inference.map_fit import without_scatter
-from rfca_rig.diagnosis.inference.nuisances import nuisances_of
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.leg.nuisances import nuisances_of
+from rfca_rig.diagnosis.leg.simulator import leg_dataset
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
 
@@ -21,7 +21,7 @@ TRUE, FAR, SOFT = (0.45, -1.27), (0.6, 1.0), (-0.5, -2.0)  # coordinates of the 
 
 @pytest.fixture(scope="module")
 def descent():
-    evidence = make_dataset(flaps_of(recorded(replace(RIG, effects=(STOPPED,)), CONDITIONS, with_shaft=False)))
+    evidence = leg_dataset(flaps_of(recorded(replace(RIG, effects=(STOPPED,)), CONDITIONS, with_shaft=False)))
     return without_scatter(evidence)
 
 
@@ -68,11 +68,10 @@ def test_the_best_go_on(descent, begun, monkeypatch):
 
 
 def test_nothing_grows_without_strokes(descent, begun):
-    assert continue_from_beginnings(replace(descent, evidence=Dataset((), descent.evidence.rows)), [begun(TRUE)]) == []
+    assert continue_from_beginnings(replace(descent, evidence=replace(descent.evidence, parts=())), [begun(TRUE)]) == []
 
 
 def test_strokes_end_where_they_have_grown_to(descent):
-    step = growing._along(descent.evidence, 0.6)
-    for flap, whole in zip(step.evidence.flaps, descent.evidence.flaps, strict=True):
+    for flap, whole in zip(descent.evidence.truncated(0.6).parts, descent.evidence.parts, strict=True):
         end_s = whole.phases.touchdown_s + 0.6 * (whole.phases.valley_s - whole.phases.touchdown_s)
         assert flap.t_s[-1] == pytest.approx(end_s, abs=0.03) and flap.t_s[-1] < whole.t_s[-1]

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, without_scatter
 from rfca_rig.diagnosis.inference.nuisance_swap import _is_better, swap_nuisance
-from rfca_rig.diagnosis.inference.nuisances import nuisances_of
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.leg.nuisances import nuisances_of
+from rfca_rig.diagnosis.leg.simulator import leg_dataset
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
 
@@ -18,7 +18,7 @@ SOFT = replace(RIG, effects=(present("ground_compliance", stiffness_N_per_m1p5=8
 
 @pytest.fixture(scope="module")
 def descent():
-    evidence = make_dataset(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
+    evidence = leg_dataset(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
     return without_scatter(evidence)
 
 

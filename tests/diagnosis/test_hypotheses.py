@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.inference.hypotheses import weigh_models
 from rfca_rig.diagnosis.inference.map_fit import without_scatter
-from rfca_rig.diagnosis.inference.nuisances import nuisances_of
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.leg.nuisances import nuisances_of
+from rfca_rig.diagnosis.leg.simulator import leg_dataset
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import IMPLAUSIBLE
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, recorded
@@ -22,7 +22,7 @@ DAMPED, HEAVY = (EffectTerm(catalogue()[name]) for name in ("hinge_viscous_dampi
 def fits_of(times_damping):
     """Nothing missing, more damping and a heavier tip, each where it fits best to a leg whose hinges are damped so many times."""
     leg = replace(RIG.leg, hinge_damping_Nm_s_per_rad=times_damping * RIG.leg.hinge_damping_Nm_s_per_rad)
-    evidence = make_dataset(flaps_of(recorded(replace(RIG, leg=leg), CONDITIONS, with_shaft=False)))
+    evidence = leg_dataset(flaps_of(recorded(replace(RIG, leg=leg), CONDITIONS, with_shaft=False)))
     descent = without_scatter(evidence)
     base = Parameterization(nuisances_of(RIG, KNOWN_TO | {"hinge_damping_relative": 0.5}, 0.0))
     fits = [descent.at(base.with_terms(choices), np.zeros(base.size + len(choices))) for choices in ((), (DAMPED,), (HEAVY,))]

@@ -12,16 +12,16 @@ from rfca_rig.campaign.pendulum import read_pendulum_campaign
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.description.model_file import read_model_file
-from rfca_rig.diagnosis.data.dataset import make_dataset
-from rfca_rig.diagnosis.data.pendulum_windows import BIN_S, WINDOW_S, stretches_of
 from rfca_rig.diagnosis.diagnose import _body, search_base
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization, coordinate_of, value_of
-from rfca_rig.diagnosis.inference.pendulum_nuisances import space_of_pendulum
+from rfca_rig.diagnosis.leg.simulator import leg_dataset
 from rfca_rig.diagnosis.likelihood.covariance import AtError, basis_of
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities
 from rfca_rig.diagnosis.likelihood.laplace import Linear
 from rfca_rig.diagnosis.measured_model_file import write_measured_model
+from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum
+from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, pendulum_dataset, stretches_of
 from rfca_rig.diagnosis.residual_force.catalogue_curve import catalogue_curve
 from rfca_rig.diagnosis.residual_force.law_arguments import knots_over
 from rfca_rig.diagnosis.residual_force.law_prior import NONE, root_of
@@ -105,7 +105,7 @@ def test_a_stribeck_law_of_another_exponent_is_measured_and_its_model_predicts_n
     again = read_model_file(tmp_path / "model.toml").model()
     assert again.effects[-1].table.values == pytest.approx(law.present.table.values, abs=1e-6)
     body, _ = _body([campaign(tmp_path / "other heights", OTHER, effects=concealed)])
-    others = make_dataset(body.flaps)
+    others = leg_dataset(body.flaps)
     believed, with_law = (np.std(others.rows.measured - others.predicted(Supposed(rig))) for rig in (body.rig, again))
     assert with_law < 0.5 * believed
 
@@ -168,7 +168,7 @@ def test_the_friction_of_a_real_servo_is_measured_over_its_speed():
     problem = swings_of(read_pendulum_campaign(PENDULUM), WINDOW_S, BIN_S)
     coordinates = Parameterization(space_of_pendulum(problem.pendulum, problem.nuisances))
     with algebra_on_one_thread():
-        found = search_models(make_dataset(stretches_of(problem)), coordinates, [], lambda *_: None)
+        found = search_models(pendulum_dataset(stretches_of(problem)), coordinates, [], lambda *_: None)
         law = measure_law(found, "joint1", found.nothing)
     assert law.argument == "rate_rad_s"
     sliding = (np.abs(law.knots) > 0.4) & (np.abs(law.knots) < 4.0)
@@ -180,7 +180,7 @@ def test_the_friction_of_a_real_servo_is_measured_over_its_speed():
 
 def test_the_log_density_of_a_condition_is_that_of_all_rows_less_that_of_the_others():
     flaps = flaps_of(recorded(RIG, CONDITIONS[:2]))
-    rows = make_dataset(flaps).rows
+    rows = leg_dataset(flaps).rows
     count, random = len(rows.measured), np.random.default_rng(1)
     linear = Linear(random.standard_normal(count), random.standard_normal((count, 3)))
     whitening = AtError(basis_of(rows, 0.1 * random.standard_normal((count, 2))), 0.02)

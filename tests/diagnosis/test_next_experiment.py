@@ -10,13 +10,13 @@ import pytest
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.bench.expectation import expected_loads
 from rfca_rig.description.protocol_file import read_dynamic, read_static
-from rfca_rig.diagnosis.data.shaft_observations import shaft_condition
 from rfca_rig.diagnosis.experiment_design.designs import SEQUENCES, StageCandidate
 from rfca_rig.diagnosis.experiment_design.expected_information import ExpectedInformation
 from rfca_rig.diagnosis.experiment_design.feasible_region import FeasibleRegion
 from rfca_rig.diagnosis.experiment_design.next_experiment import _options, next_experiment
 from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL, protocol_of, write_next_protocol
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import contest_of
+from rfca_rig.diagnosis.leg.shaft_observations import shaft_condition
 from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.check import Load, check_plan

@@ -8,9 +8,9 @@ import pytest
 
 from rfca_rig.analysis.swings import swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign
-from rfca_rig.diagnosis.data.pendulum_windows import stretches_of
-from rfca_rig.diagnosis.inference.pendulum_nuisances import SupposedPendulum, never_below, space_of_pendulum
 from rfca_rig.diagnosis.pendulum import diagnose_pendulum
+from rfca_rig.diagnosis.pendulums.nuisances import SupposedPendulum, never_below, space_of_pendulum
+from rfca_rig.diagnosis.pendulums.windows import stretches_of
 from rfca_rig.model.joint_drive import torque_trace
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.pendulum import Pendulum, PendulumLink, driven, rods

@@ -7,12 +7,11 @@ import pytest
 
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.config import SearchConfig
-from rfca_rig.diagnosis.data.dataset import make_dataset
-from rfca_rig.diagnosis.data.stages import stage_tables
-from rfca_rig.diagnosis.data.static_history import MOVES
 from rfca_rig.diagnosis.inference.model_selection import search_models
-from rfca_rig.diagnosis.inference.nuisances import nuisances_of
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
+from rfca_rig.diagnosis.leg.nuisances import nuisances_of
+from rfca_rig.diagnosis.leg.simulator import MOVES, leg_dataset, tables_of
+from rfca_rig.diagnosis.leg.stages import stage_tables
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, read_at_rest, recorded
@@ -32,7 +31,7 @@ def search(effects, candidates=CANDIDATES, tables=False, config=SearchConfig()):
         stages = read_at_rest(Supposed(rig), SOFTLY, (60.0, 80.0, 100.0, 120.0))
         parts = [*parts, *stage_tables(stages, {}, BRISKLY)]
     coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0))
-    return search_models(make_dataset(parts), coordinates, [catalogue()[name] for name in candidates], lambda *_: None, config=config)
+    return search_models(leg_dataset(parts), coordinates, [catalogue()[name] for name in candidates], lambda *_: None, config=config)
 
 
 @pytest.mark.parametrize("effects", [(HEAVY,), (HEAVY, LEAKING)], ids=["one", "two"])
@@ -62,7 +61,7 @@ def test_an_effect_that_promises_too_little_is_not_fitted():
 
 def test_the_static_approach_is_learnt_from_what_fits_well():
     found = search((HEAVY,), ("tip_mass",), tables=True)
-    assert {table.moves for table in found.evidence.tables} == {SOFTLY}
+    assert {table.moves for table in tables_of(found.evidence.parts)} == {SOFTLY}
     assert found.named[0].ids == ("tip_mass",)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.data.stages import stage_tables
+from rfca_rig.diagnosis.leg.stages import stage_tables
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.recording.form import StaticStage
 

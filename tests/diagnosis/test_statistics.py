@@ -1,10 +1,13 @@
 """Covariance, evidence and posterior against the textbook's formulas, worked out densely."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
 from rfca_rig.diagnosis.data.observations import Label, Observations, stacked
+from rfca_rig.diagnosis.leg.strokes import dynamic_label
 from rfca_rig.diagnosis.likelihood.covariance import AtError, basis_of, discrepancy, factored
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals, products_without
 from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior, laplace_posteriors
@@ -23,7 +26,7 @@ def small_rows(seed=0, bins=12, conditions=2):
             phase=np.array(["loading"] * bins),
             label=np.zeros(bins, dtype=np.intp),
             condition=np.zeros(bins, dtype=np.intp),
-            labels=(Label("dynamic", f"{i}", "fz_N"),),
+            labels=(dynamic_label(f"{i}", "fz_N"),),
         )
         for i in range(conditions)
     ]
@@ -33,11 +36,13 @@ def small_rows(seed=0, bins=12, conditions=2):
 def mixed_rows(seed=6, stages=5):
     """Two strokes of two signals, and a static table of the same signals, up and down."""
     random = np.random.default_rng(seed)
-    parts = [signals_of(random, "dynamic", f"{i}", 10, ["loading"] * 10) for i in range(2)]
-    return stacked([*parts, signals_of(random, "static", "200 mm", 2 * stages, ["loading"] * stages + ["unloading"] * stages)])
+    parts = [signals_of(random, dynamic_label, f"{i}", 10, ["loading"] * 10) for i in range(2)]
+    return stacked(
+        [*parts, signals_of(random, partial(Label, "static"), "200 mm", 2 * stages, ["loading"] * stages + ["unloading"] * stages)]
+    )
 
 
-def signals_of(random, experiment, condition, each, phase):
+def signals_of(random, label, condition, each, phase):
     count = 2 * each
     return Observations(
         measured=random.normal(size=count),
@@ -49,7 +54,7 @@ def signals_of(random, experiment, condition, each, phase):
         phase=np.tile(phase, 2),
         label=np.repeat([0, 1], each),
         condition=np.zeros(count, dtype=np.intp),
-        labels=tuple(Label(experiment, condition, signal) for signal in ("fy_N", "fz_N")),
+        labels=tuple(label(condition, signal) for signal in ("fy_N", "fz_N")),
     )
 
 

@@ -9,7 +9,7 @@ textbook's is widened by one factor.
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import FARTHEST
+from rfca_rig.analysis.fitting.space import FARTHEST
 
 Floats = NDArray[np.float64]
 

@@ -10,11 +10,12 @@ from scipy.optimize import OptimizeResult
 from scipy.stats import norm, qmc
 
 from rfca_rig.analysis.fitting.errors_of_fit import covariance_of
-from rfca_rig.analysis.fitting.parameters import PARAMETERS, Space, Supposed
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
 from rfca_rig.analysis.fitting.problem import Problem
 from rfca_rig.analysis.fitting.result import FitResult, Starts
 from rfca_rig.analysis.fitting.scatter import Whitening, found_scatter, whitening_of
 from rfca_rig.analysis.fitting.solver import Progress, Residuals, descend
+from rfca_rig.analysis.fitting.space import Space
 from rfca_rig.crew.doing import Failed, done
 from rfca_rig.crew.form import Crew
 from rfca_rig.errors import SimulationFailed
@@ -46,7 +47,7 @@ class Search:
     crew: Crew | None = None
 
 
-def fit(problem: Problem, space: Space, search: Search | None = None, scatter: Mapping[str, float] | None = None) -> FitResult:
+def fit(problem: Problem, space: Space[Supposed], search: Search | None = None, scatter: Mapping[str, float] | None = None) -> FitResult:
     """The most likely point of `space`: least squares of the problem's residuals and of the prior's.
 
     `scatter` names the parameters that differ from stroke to stroke, with the usual standard deviation in their units; empty for none.
@@ -92,10 +93,10 @@ class _Travelling:
     has_prior: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, space: Space) -> "_Travelling":
+    def of(cls, space: Space[Supposed]) -> "_Travelling":
         return cls(tuple(space.names), space.centre, space.std, space.has_prior)
 
-    def space(self) -> Space:
+    def space(self) -> Space[Supposed]:
         return Space(tuple(PARAMETERS[name] for name in self.names), self.centre, self.std, self.has_prior)
 
 
@@ -107,7 +108,7 @@ def _descent(
     return descend(residuals, start[1], most_evaluations), residuals.computed
 
 
-def _first_point(space: Space, search: Search) -> Floats:
+def _first_point(space: Space[Supposed], search: Search) -> Floats:
     first = np.zeros(len(space.std))
     for name, value in search.start.items():
         first[space.names.index(name)] = space.point(name, value)

@@ -1,14 +1,15 @@
 """What can be fitted: every number of the believed model, the height of the rack, and the angle at which the shaft starts."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.analysis.fitting.space import Parameter, Space
 from rfca_rig.errors import BadInput
-from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.nearest import suggestion
 
 Floats = NDArray[np.float64]
@@ -25,26 +26,12 @@ class Supposed:
     turn_offset_rad: float = 0.0
     command_delay_s: float = 0.0
 
-
-@dataclass(frozen=True)
-class Parameter:
-    """One number that a fit may move, in `unit`, the one that people write.
-
-    `known_to` is its key in the section of that name. `relative` ones are scaled, all others shifted. `spread` is how far it may
-    reasonably be off where nobody stated it, as a share of the value or in `unit`; it sets steps and bounds but pulls at nothing.
-    """
-
-    name: str
-    unit: str
-    relative: bool
-    spread: float
-    read: Callable[[Supposed], float]
-    write: Callable[[Supposed, float], Supposed]
-    known_to: str | None = None
-    lowest: float = -np.inf
+    def with_effects(self, effects: tuple[PresentEffect, ...]) -> Self:
+        """The same with these effects beside those that the rig has."""
+        return replace(self, rig=replace(self.rig, effects=(*self.rig.effects, *effects)))
 
 
-def _of_leg(name: str, field: str, unit: str, spread: float, scale: float = 1.0, known_to: str | None = None) -> Parameter:
+def _of_leg(name: str, field: str, unit: str, spread: float, scale: float = 1.0, known_to: str | None = None) -> Parameter[Supposed]:
     def write(at: Supposed, value: float) -> Supposed:
         changed: dict[str, Any] = {field: value / scale}
         return replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, **changed)))
@@ -52,7 +39,7 @@ def _of_leg(name: str, field: str, unit: str, spread: float, scale: float = 1.0,
     return Parameter(name, unit, True, spread, lambda at: scale * float(getattr(at.rig.leg, field)), write, known_to)
 
 
-def _of_ground(name: str, field: str, unit: str, spread: float, known_to: str | None = None, scale: float = 1.0) -> Parameter:
+def _of_ground(name: str, field: str, unit: str, spread: float, known_to: str | None = None, scale: float = 1.0) -> Parameter[Supposed]:
     def write(at: Supposed, value: float) -> Supposed:
         changed: dict[str, Any] = {field: value / scale}
         return replace(at, rig=replace(at.rig, ground=replace(at.rig.ground, **changed)))
@@ -95,7 +82,7 @@ def _with_ramp(at: Supposed, ramp_ms: float) -> Supposed:
 
 _friction = replace(_of_ground("friction", "friction_coefficient", "", 0.1, "friction_coefficient"), relative=False, lowest=0.0)
 
-PARAMETERS: Mapping[str, Parameter] = {
+PARAMETERS: Mapping[str, Parameter[Supposed]] = {
     parameter.name: parameter
     for parameter in (
         _of_leg("k0", "k0_Nm_per_rad", "N m/rad", 0.1, known_to="k0_relative"),
@@ -121,72 +108,8 @@ PARAMETERS: Mapping[str, Parameter] = {
     )
 }  # fmt: skip
 
-FARTHEST = 5.0  # standard deviations: a value beyond them says that something else is wrong
 
-
-@dataclass(frozen=True)
-class Space:
-    """The parameters of one fit around what is supposed at first.
-
-    A point x (p,) counts prior standard deviations, so that one step length suits all: value = centre + std x, or centre exp(std x)
-    for relative ones, which keeps them positive. `std` (p,) falls back to `spread` where `has_prior` (p,) is False.
-    """
-
-    parameters: tuple[Parameter, ...]
-    centre: Supposed
-    std: Floats
-    has_prior: NDArray[np.bool_]
-
-    @property
-    def centres(self) -> Floats:
-        """The values at x = 0, in the parameters' units, (p,)."""
-        return np.array([parameter.read(self.centre) for parameter in self.parameters])
-
-    @property
-    def prior_std(self) -> Floats:
-        """The prior's standard deviations in the parameters' units, (p,)."""
-        return self.std * self._per_x(self.centres)
-
-    def values(self, x: Floats) -> Floats:
-        """The values at x, in the parameters' units, (p,)."""
-        relative = self._is_relative
-        return np.where(relative, self.centres * np.exp(np.where(relative, self.std * x, 0.0)), self.centres + self.std * x)
-
-    def point(self, name: str, value: float) -> float:
-        """The coordinate at which parameter `name` has `value`."""
-        i = self.names.index(name)
-        centre, std = self.centres[i], self.std[i]
-        return float(np.log(value / centre) / std if self.parameters[i].relative else (value - centre) / std)
-
-    def std_in_units(self, x: Floats, std_x: Floats) -> Floats:
-        """A standard deviation of x, turned into the parameters' units at x, (p,)."""
-        return std_x * self.std * self._per_x(self.values(x))
-
-    def at(self, x: Floats) -> Supposed:
-        """What is supposed at x."""
-        supposed = self.centre
-        for parameter, value in zip(self.parameters, self.values(x), strict=True):
-            supposed = parameter.write(supposed, float(value))
-        return supposed
-
-    def bounds(self) -> tuple[Floats, Floats]:
-        """Lower and upper x, each (p,)."""
-        floors = [-np.inf if p.relative else (p.lowest - c) / s for p, c, s in zip(self.parameters, self.centres, self.std, strict=True)]
-        return np.maximum(-FARTHEST, floors), np.full(len(self.std), FARTHEST)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return tuple(parameter.name for parameter in self.parameters)
-
-    @property
-    def _is_relative(self) -> NDArray[np.bool_]:
-        return np.array([parameter.relative for parameter in self.parameters])
-
-    def _per_x(self, values: Floats) -> Floats:
-        return np.where(self._is_relative, np.abs(values), 1.0)
-
-
-def space_of(names: Sequence[str], centre: Supposed, known_to: Mapping[str, float]) -> Space:
+def space_of(names: Sequence[str], centre: Supposed, known_to: Mapping[str, float]) -> Space[Supposed]:
     """The space of the named parameters around `centre`; without names, of all that `known_to` lists.
 
     `known_to` is the section of that name: one standard deviation per key; a parameter it leaves out has no prior. Raises BadInput for a
@@ -203,14 +126,14 @@ def space_of(names: Sequence[str], centre: Supposed, known_to: Mapping[str, floa
     return Space(chosen, centre, np.array(std), np.array([bool(s) for s in stated]))
 
 
-def named(names: Sequence[str]) -> tuple[Parameter, ...]:
+def named(names: Sequence[str]) -> tuple[Parameter[Supposed], ...]:
     """The parameters of these names. Raises BadInput for a name that is not known or comes twice."""
     if len(set(names)) < len(names):
         raise BadInput(f"a parameter is named twice in {', '.join(names)}")
     return tuple(_parameter(name) for name in names)
 
 
-def _parameter(name: str) -> Parameter:
+def _parameter(name: str) -> Parameter[Supposed]:
     if name not in PARAMETERS:
         raise BadInput(f"{name!r} is no parameter; {suggestion(name, PARAMETERS)}")
     return PARAMETERS[name]

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import PARAMETERS, Space, Supposed
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
+from rfca_rig.analysis.fitting.space import Space
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +49,7 @@ class FitResult:
     parameter, one standard deviation. `errors_from` says in words where the standard errors come from.
     """
 
-    space: Space
+    space: Space[Supposed]
     x: Floats
     covariance: Floats
     at_bound: NDArray[np.bool_]

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
-from rfca_rig.analysis.fitting.parameters import Space
+from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.fitting.problem import Problem
 from rfca_rig.analysis.fitting.scatter import Whitening
+from rfca_rig.analysis.fitting.space import Space
 from rfca_rig.errors import SimulationFailed
 
 Floats = NDArray[np.float64]
@@ -25,7 +26,7 @@ class Residuals:
     """Whitened residuals of the problem with the prior's below, computed when asked and counted."""
 
     problem: Problem
-    space: Space
+    space: Space[Supposed]
     progress: Progress
     whitening: Whitening = field(default_factory=Whitening)
     computed: int = 0

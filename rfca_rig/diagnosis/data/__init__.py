@@ -1,5 +1,4 @@
-"""Recordings as observations. Entry point: `dataset.make_dataset`.
+"""Recordings as observations, whatever was recorded. Entry point: `dataset.make_dataset`.
 
-`strokes`, `stages`, `shaft_observations` and `pendulum_windows` hold one kind of condition each; `observations` stacks their rows;
-`static_history` infers how a static table was approached; `drive_tracking` says which drives the recorded shaft excludes.
+`observations` holds the rows of conditions; `dataset` joins them with the simulator that predicts them.
 """

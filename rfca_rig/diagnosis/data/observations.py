@@ -1,6 +1,6 @@
 """What was recorded as one vector of independent statements: means over short bins, and over repeats, of every signal.
 
-A stroke is cut into bins of 10 to 25 ms, which lose nothing of a leg that swings in tenths of seconds; each bin's value is the mean
+A recording is cut into bins that lose nothing of how the rig moves, as 10 to 25 ms of a stroke; each bin's value is the mean
 over its samples and over the repeats. Static stages stand below as they were read.
 """
 
@@ -15,11 +15,27 @@ Integers = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Label:
-    """What a block of rows belongs to. `condition` in words, as in "215 mm, 2.433 rad/s" or "215 mm"."""
+    """What a block of rows belongs to, and how the model errs in them.
+
+    Parameters
+    ----------
+    experiment
+        The kind of experiment, as in "dynamic" or "static".
+    condition
+        In words, as in "215 mm, 2.433 rad/s" or "215 mm".
+    signal
+        Its name, which ends with its unit.
+    correlation_length
+        How far the rows' `progress` differs where the model's errors are no longer alike.
+    errs_by_phase
+        Whether the model errs independently in each phase.
+    """
 
     experiment: str
     condition: str
     signal: str
+    correlation_length: float = 1.0
+    errs_by_phase: bool = True
 
 
 @dataclass(frozen=True)
@@ -27,9 +43,9 @@ class Observations:
     """All arrays (m,), one entry per row.
 
     `measured` in the signal's unit; `noise` its standard deviation from the sensor alone; `scale` the size of the signal here, which a
-    relative error of the model refers to, `jolt` that of the ringing after the touchdown; `progress` 0 at touchdown and 1 at the
-    valley, or for a static stage its shaft angle in units of 0.4 rad; `phase` in words; `label` points into `labels`; `condition` counts
-    conditions, dynamic ones first.
+    relative error of the model refers to: 1 % of it is what a generalised force that is wrong by 1 % does; `jolt` the size of an error
+    that differs from row to row, and counts like `scale`; `progress` along the condition, over which the model's error is smooth, in the
+    unit of the label's `correlation_length`; `phase` in words; `label` points into `labels`; `condition` counts conditions.
     """
 
     measured: Floats
@@ -50,7 +66,7 @@ class Observations:
 
     @property
     def experiment(self) -> NDArray[np.str_]:
-        """ "dynamic" or "static" for each row."""
+        """The kind of experiment of each row."""
         return np.array([label.experiment for label in self.labels])[self.label]
 
     def names(self) -> tuple[str, ...]:

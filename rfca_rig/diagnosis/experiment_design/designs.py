@@ -12,12 +12,12 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.bench.expectation import expected_loads
-from rfca_rig.diagnosis.data.dataset import ConditionData
-from rfca_rig.diagnosis.data.shaft_observations import SIGNAL, ShaftCondition, shaft_condition
-from rfca_rig.diagnosis.data.stages import stage_tables
-from rfca_rig.diagnosis.data.strokes import BOUNDED, FORCES, FlapCondition, Turn, flap_condition
 from rfca_rig.diagnosis.experiment_design.feasible_region import FeasibleRegion, load_of
 from rfca_rig.diagnosis.experiment_design.next_protocol import RETURN_RAD_S, SWEEP_RAD, protocol_of
+from rfca_rig.diagnosis.leg.shaft_observations import SIGNAL, ShaftCondition, shaft_condition
+from rfca_rig.diagnosis.leg.stages import stage_tables
+from rfca_rig.diagnosis.leg.strokes import BOUNDED, FORCES, FlapCondition, Turn, flap_condition
+from rfca_rig.diagnosis.simulator import ConditionData
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.model.stroke import stroke_following
 from rfca_rig.protocol.check import Load

@@ -10,17 +10,19 @@ stroke, and J_l P_l J_l^T what l may still move after the recordings there are (
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.diagnosis.data.dataset import ConditionData, Dataset
+from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import OpenHypotheses
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
+from rfca_rig.diagnosis.leg.simulator import flaps_of
 from rfca_rig.diagnosis.likelihood.covariance import discrepancy
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import USUAL_ERROR
+from rfca_rig.diagnosis.simulator import ConditionData
 
 Floats = NDArray[np.float64]
 
@@ -91,13 +93,13 @@ class ExpectedInformation:
     @property
     def _starts_anywhere(self) -> bool:
         """Strokes whose start is recorded are simulated from there."""
-        return any(flap.turn.start_rad is None for flap in self.evidence.flaps)
+        return any(flap.turn.start_rad is None for flap in flaps_of(self.evidence.parts))
 
 
 def expected_information(contest: OpenHypotheses, part: ConditionData) -> ExpectedInformation | None:
     """The experiment whose rows these would be; None where a rival has no answer to it."""
     rows = part.rows()
-    evidence = Dataset((part,), rows)
+    evidence = Dataset((part,), rows, contest.found.evidence.simulator)
     found = evidence.predicted_all([h.fitted.coordinates.supposed(h.fitted.x) for h in contest.open])
     answers = [rows for rows in found if rows is not None]
     if len(answers) < len(found):
@@ -122,7 +124,7 @@ def _step(hypothesis: Hypothesis, i: int) -> float:
     return -STEP if hypothesis.fitted.x[i] > 0.0 else STEP
 
 
-def _stepped(hypothesis: Hypothesis, i: int) -> Supposed:
+def _stepped(hypothesis: Hypothesis, i: int) -> Any:
     x = hypothesis.fitted.x.copy()
     x[i] += _step(hypothesis, i)
     return hypothesis.fitted.coordinates.supposed(x)

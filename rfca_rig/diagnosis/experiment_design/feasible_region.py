@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.diagnosis.data.stages import StageTable
-from rfca_rig.diagnosis.data.strokes import FlapCondition
+from rfca_rig.diagnosis.leg.stages import StageTable
+from rfca_rig.diagnosis.leg.strokes import FlapCondition
 from rfca_rig.model.stroke import SimulatedStroke
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits

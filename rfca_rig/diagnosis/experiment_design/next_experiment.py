@@ -22,6 +22,7 @@ from rfca_rig.diagnosis.experiment_design.feasible_region import FeasibleRegion,
 from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import OpenHypotheses, contest_of, name_of
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
+from rfca_rig.diagnosis.leg.simulator import tables_of
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.protocol.plan import Limits
 
@@ -93,7 +94,7 @@ def _options(body: "PreparedData", verdicts: "Findings", contest: OpenHypotheses
 
 def _room(body: "PreparedData", verdicts: "Findings", limits: Limits | None) -> FeasibleRegion:
     nothing = verdicts.leg.nothing.fitted
-    return room_of(body.flaps, verdicts.leg.evidence.tables, nothing.coordinates.supposed(nothing.x), limits)
+    return room_of(body.flaps, tables_of(verdicts.leg.evidence.parts), nothing.coordinates.supposed(nothing.x), limits)
 
 
 def _flaps(body: "PreparedData", room: FeasibleRegion, of_shaft: bool) -> list[FlapCandidate]:
@@ -107,7 +108,7 @@ def _flaps(body: "PreparedData", room: FeasibleRegion, of_shaft: bool) -> list[F
 
 def _stages(body: "PreparedData", verdicts: "Findings", room: FeasibleRegion) -> list[StageCandidate]:
     """At a low, a middle and a high rack."""
-    free = stage_heights([table.height_m for table in verdicts.leg.evidence.tables], [flap.height_m for flap in body.flaps], room)
+    free = stage_heights([table.height_m for table in tables_of(verdicts.leg.evidence.parts)], [flap.height_m for flap in body.flaps], room)
     heights = sorted({free[0], free[len(free) // 2], free[-1]}) if free else []
     return [StageCandidate(kind, height_m, room, body.noise_std) for kind in SEQUENCES for height_m in heights]
 
@@ -155,7 +156,8 @@ def _possible(candidate: Candidate, supposed: Supposed) -> bool:
 
 
 def _supposed(hypothesis: Hypothesis) -> Supposed:
-    return hypothesis.fitted.coordinates.supposed(hypothesis.fitted.x)
+    supposed: Supposed = hypothesis.fitted.coordinates.supposed(hypothesis.fitted.x)
+    return supposed
 
 
 def _worth(contest: OpenHypotheses, gained: Floats, minutes: float) -> float:

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.swings import sample_noise, shifted, swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun
-from rfca_rig.diagnosis.data.pendulum_windows import BIN_S, WINDOW_S, Stretch, stretches_of, usual_torque_Nm
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.experiment_design.designs import Kind
 from rfca_rig.diagnosis.experiment_design.next_experiment import choose_option, off_rig_options, on_rig_options, proposal_of
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import contest_of
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.inference.pendulum_nuisances import of_pendulum
+from rfca_rig.diagnosis.pendulums.nuisances import of_pendulum
+from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, Stretch, stretches_of, usual_torque_Nm
 from rfca_rig.errors import BadInput
 from rfca_rig.model.joint_drive import torque_trace
 from rfca_rig.model.parameters import GRAVITY_M_S2

@@ -1,8 +1,8 @@
-"""Fits along strokes that grow: first the beginning of every stroke, then more and more of it.
+"""Fits along conditions that grow: first the beginning of every condition, then more and more of it.
 
-Soon after touchdown the forces follow smoothly from what the model supposes; later, what sticks, slips and hits a stop hangs on all that
-was before, and the likelihood is full of walls. A descent on whole strokes that begins far away ends behind one of them; one that has the
-beginnings right comes to the rest from nearby (as multiple shooting has it, Bock, Springer Ser. Chem. Phys. 18 (1981) 102).
+In the beginning the signals follow smoothly from what the model supposes; later, what sticks, slips and hits a stop hangs on all that
+was before, and the likelihood is full of walls. A descent on whole conditions that begins far away ends behind one of them; one that has
+the beginnings right comes to the rest from nearby (as multiple shooting has it, Bock, Springer Ser. Chem. Phys. 18 (1981) 102).
 """
 
 from collections.abc import Sequence
@@ -12,16 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.data.dataset import THREADS, Dataset, make_dataset
-from rfca_rig.diagnosis.data.strokes import FlapCondition
+from rfca_rig.diagnosis.data.dataset import THREADS
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit, without_scatter
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 
 Floats = NDArray[np.float64]
 
-BEGINNINGS = (0.3, 0.6, 0.8)  # of the way from touchdown to the valley, until which strokes have grown
+BEGINNINGS = (0.3, 0.6, 0.8)  # shares to which conditions have grown
 UNSEEN = 0.7  # prior deviations that are left open of what the data do not show
-KEPT = 3  # fits that go on where strokes have grown to the second of these
+KEPT = 3  # fits that go on where conditions have grown to the second of these
 
 
 @dataclass(frozen=True)
@@ -33,15 +32,18 @@ class _Place:
 
 
 def continue_from_beginnings(descent: GaussNewton, fits: Sequence[MapFit]) -> list[MapFit]:
-    """The best of these anew, effects as they stand and nuisances as believed in the beginning, along growing strokes to the whole.
+    """The best of these anew, effects as they stand and nuisances as believed in the beginning, along growing conditions to the whole.
 
-    None where no stroke was recorded, and none of a fit for which the model has no answer on the way.
+    None where no condition can be truncated, and none of a fit for which the model has no answer on the way.
     """
-    if not fits or not descent.evidence.flaps:
+    if not fits:
         return []
     here = [_Place(fitted.coordinates, fitted.as_believed) for fitted in fits]
     for share in BEGINNINGS:
-        step = _along(descent.evidence, share)
+        beginnings = descent.evidence.truncated(share)
+        if beginnings is None:
+            return []
+        step = without_scatter(beginnings)
         found = _each_descended(step, here)
         best = sorted(found, key=lambda pair: step.log_evidence(pair[1]), reverse=True)
         here = [_gone_on(step, place, fitted) for place, fitted in (best if share == BEGINNINGS[0] else best[:KEPT])]
@@ -60,14 +62,3 @@ def _gone_on(step: GaussNewton, place: _Place, fitted: MapFit) -> _Place:
     std = np.sqrt(np.diag(step.evaluate(fitted).posterior.covariance))
     unseen = (std > UNSEEN) & (np.arange(len(std)) >= fitted.coordinates.nuisances)
     return replace(place, x=np.where(unseen, place.x, fitted.x))
-
-
-def _along(evidence: Dataset, share: float) -> GaussNewton:
-    """The descent on every stroke until that share of its way from touchdown to valley."""
-    parts = [part.until(_moment_s(part, share)) if isinstance(part, FlapCondition) else part for part in evidence.parts]
-    return without_scatter(make_dataset(parts))
-
-
-def _moment_s(flap: FlapCondition, share: float) -> float:
-    touchdown_s = flap.phases.touchdown_s
-    return touchdown_s + share * (flap.phases.valley_s - touchdown_s)

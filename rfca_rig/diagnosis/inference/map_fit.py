@@ -244,7 +244,7 @@ class GaussNewton:
 
 
 def without_scatter(evidence: Dataset) -> GaussNewton:
-    """The descent while nothing is known of what scatters from stroke to stroke: that is left to the model's error."""
+    """The descent while nothing is known of what scatters from repeat to repeat: that is left to the model's error."""
     return GaussNewton(evidence, make_marginal_likelihood(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
 
 

@@ -1,7 +1,7 @@
 """The search over hypotheses: nothing missing, every effect, pairs of effects, and triples where two do not suffice.
 
 One optimiser fits every hypothesis (`map_fit`, Gauss-Newton to the MAP point). Starts come from five generators: the prior mean, the
-screening of all effects and all pairs, a parent's optimum with one effect more, truncated strokes (`continuation`), and a swap of a
+screening of all effects and all pairs, a parent's optimum with one effect more, truncated conditions (`continuation`), and a swap of a
 strained nuisance parameter for the effect that does the same (`nuisance_swap`). Fits are halved successively: many on a subset of the
 conditions, few on all, the best of them to convergence (Jamieson and Talwalkar, AISTATS 2016).
 """
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.config import DEFAULT_SEARCH, SearchConfig
 from rfca_rig.diagnosis.data.dataset import THREADS, Dataset
-from rfca_rig.diagnosis.data.static_history import with_free_friction, with_inferred_approach
 from rfca_rig.diagnosis.inference.continuation import continue_from_beginnings
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult, weigh_models
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit, without_scatter
@@ -77,7 +76,6 @@ def search_models(
     coordinates: Parameterization,
     effects: Sequence[Effect],
     progress: Progress,
-    stopped_as_told: bool = True,
     config: SearchConfig = DEFAULT_SEARCH,
 ) -> ModelSelectionResult:
     """The hypotheses that matter, each at its MAP fit.
@@ -92,8 +90,6 @@ def search_models(
         The effects that may be missing.
     progress
         Called with what is being done and the share that is done.
-    stopped_as_told
-        Whether the shaft stood where it was told in static stages.
     config
         How widely to search.
 
@@ -103,7 +99,7 @@ def search_models(
         Where the nominal model cannot be simulated.
     """
     progress("nothing missing", 0.0)
-    state = _begin(with_free_friction(evidence), coordinates, config)
+    state = _begin(evidence.with_parts(evidence.simulator.forget_history(evidence.parts)), coordinates, config)
     progress("screening every effect", 0.1)
     terms = tuple(term for effect in effects for term in terms_of(effect))
     probes = probe_effects(state.descent.evidence, state.nominal, terms)
@@ -115,7 +111,7 @@ def search_models(
         config.singles_coarse,
         config.singles_full,
     )
-    state = _learn(_converge(state, 1, config), stopped_as_told, GOOD_FIT)
+    state = _learn(_converge(state, 1, config), GOOD_FIT, config)
     progress("pairs of effects", 0.5)
     if not _is_adequate(state):
         starts = _pair_starts(projection, probes, state.nominal, config)
@@ -125,10 +121,10 @@ def search_models(
     if not _is_adequate(state):
         progress("three effects", 0.7)
         state = _fit_best(state, _partner_starts(state, 2, terms, config), config.triples_coarse, config.triples_full)
-        progress("truncated strokes", 0.75)
+        progress("truncated conditions", 0.75)
         state = state.with_fits(continue_from_beginnings(state.descent, _ranked(state)[: config.continued]))
     progress("weighing", 0.85)
-    state = _learn(_fit_nested(state), stopped_as_told, 2.0 * GOOD_FIT)
+    state = _learn(_fit_nested(state), 2.0 * GOOD_FIT, config)
     for size in (1, 2, 3):
         state = _converge(state, size, config)
     return _result(_refit_nothing(state), coordinates, probes, effects)
@@ -139,7 +135,7 @@ def _begin(evidence: Dataset, coordinates: Parameterization, config: SearchConfi
     start = without_scatter(evidence)
     nominal = start.at(coordinates, np.zeros(coordinates.size))
     if nominal is None:
-        raise SimulationFailed("the model cannot be computed as believed; look for a slipped decimal point in the leg or the ground")
+        raise SimulationFailed("the model cannot be computed as believed; look for a slipped decimal point in its parameters")
     nothing = start.refine(nominal)
     scatter = estimate_scatter(evidence, coordinates.supposed(nothing.x))
     descent = GaussNewton(evidence, make_marginal_likelihood(evidence.rows, scatter.columns))
@@ -260,20 +256,21 @@ def _is_adequate(state: SearchState) -> bool:
     return judgement.error < GOOD_FIT and judgement.farthest(state.nominal.coordinates.nuisances) < IMPLAUSIBLE
 
 
-def _learn(state: SearchState, stopped_as_told: bool, enough: float) -> SearchState:
-    """Repeat scatter and the static approach path, estimated again from the best explanation if its error is small `enough`.
+def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchState:
+    """Repeat scatter and the history of the conditions, estimated again from the best explanation if its error is small `enough`.
 
-    All fits follow. From an explanation that fits badly the wrong path would be learnt.
+    All fits follow. From an explanation that fits badly the wrong history would be learnt.
     """
     best = state.best
     if state.descent.evaluate(best).error > enough:
         return state
-    evidence = with_inferred_approach(state.descent.evidence, best.coordinates, best.x, stopped_as_told)
-    if evidence is state.descent.evidence:
+    before = state.descent.evidence
+    evidence = before.with_parts(before.simulator.infer_history(before.parts, best.coordinates.supposed, best.x))
+    if evidence is before:
         return state
     scatter = estimate_scatter(evidence, best.coordinates.supposed(best.x))
     descent = GaussNewton(evidence, make_marginal_likelihood(evidence.rows, scatter.columns))
-    coarse, rows = _coarsen(evidence, scatter, len(state.coarse.evidence.flaps) or len(state.coarse.evidence.parts))
+    coarse, rows = _coarsen(evidence, scatter, config.coarse_conditions)
     again = [fit for old in (state.nominal, state.nothing, *state.fits) if (fit := descent.at(old.coordinates, old.x, old.jacobian))]
     if len(again) < 2 + len(state.fits):
         return state

@@ -7,12 +7,14 @@ that one step length, one prior and one test for "on a bound" suit all.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from rfca_rig.analysis.fitting.parameters import Space, Supposed
+from rfca_rig.analysis.fitting.space import Space
+from rfca_rig.diagnosis.simulator import SimulatorInput
 from rfca_rig.model.effect import Effect, Parameter
 from rfca_rig.model.parameters import PresentEffect
 
@@ -78,7 +80,7 @@ class EffectTerm:
 class Parameterization:
     """The unknowns of one hypothesis: first the nuisances of `space`, then the free parameters of each choice."""
 
-    space: Space
+    space: Space[Any]
     choices: tuple[EffectTerm, ...] = ()
 
     @property
@@ -99,11 +101,10 @@ class Parameterization:
         begin = self.nuisances + sum(len(choice.free) for choice in self.choices[:number])
         return slice(begin, begin + len(self.choices[number].free))
 
-    def supposed(self, x: Floats) -> Supposed:
-        """What is supposed at x."""
-        supposed = self.space.at(x[: self.nuisances])
-        effects = tuple(choice.present(x[self.part(i)]) for i, choice in enumerate(self.choices))
-        return replace(supposed, rig=replace(supposed.rig, effects=(*supposed.rig.effects, *effects)))
+    def supposed(self, x: Floats) -> Any:
+        """The input of the simulator at x, of the simulator's own type (a `SimulatorInput`)."""
+        at: SimulatorInput = self.space.at(x[: self.nuisances])
+        return at.with_effects(tuple(choice.present(x[self.part(i)]) for i, choice in enumerate(self.choices)))
 
     def with_terms(self, choices: Sequence[EffectTerm]) -> "Parameterization":
         """The same nuisances with other effects."""

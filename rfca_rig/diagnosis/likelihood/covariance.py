@@ -1,4 +1,4 @@
-"""How far model and recording may lie apart before something is missing: noise, what differs from stroke to stroke, a model that is a
+"""How far model and recording may lie apart before something is missing: noise, what differs from repeat to repeat, a model that is a
 little wrong everywhere.
 
     C(s) = D + s^2 K + B B^T,   D = diag(noise^2)
@@ -23,7 +23,6 @@ from rfca_rig.diagnosis.data.observations import Observations
 Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
-SMOOTH_OVER = 0.06  # of the way from touchdown to valley: some 50 ms
 SHARED = 0.5  # correlation of the discrepancy between conditions
 FLOOR = 1e-3  # of the discrepancy's variance is not smooth
 
@@ -190,8 +189,8 @@ def discrepancy(rows: Observations) -> Floats:
 
 
 def _alike(rows: Observations) -> list[Integers]:
-    """The rows of each signal, which err together: those of strokes, and of static stages one direction of turning at a time."""
-    way = np.where(rows.experiment == "dynamic", "", rows.phase)
+    """The rows of each signal that err together, one phase at a time where its label says so."""
+    way = np.where(np.array([label.errs_by_phase for label in rows.labels])[rows.label], rows.phase, "")
     keys = np.stack([np.unique(key, return_inverse=True)[1] for key in (rows.signal, rows.experiment, way)])
     group = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
     return [np.flatnonzero(group == number) for number in range(int(group.max()) + 1)]
@@ -201,8 +200,7 @@ def _discrepancy_within(rows: Observations, of: Integers) -> Floats:
     """K of rows that err together."""
     condition, scale = rows.condition[of], rows.scale[of]
     together = np.where(condition[:, None] == condition, 1.0, SHARED)
-    length = SMOOTH_OVER if rows.experiment[of[0]] == "dynamic" else 1.0
-    apart = (rows.progress[of][:, None] - rows.progress[of]) / length
+    apart = (rows.progress[of][:, None] - rows.progress[of]) / rows.labels[rows.label[of[0]]].correlation_length
     smooth = np.exp(-0.5 * apart**2) * together
     return np.asarray(scale[:, None] * smooth * scale + np.diag(FLOOR * scale**2 + rows.jolt[of] ** 2))
 

@@ -1,17 +1,19 @@
-"""What differs from stroke to stroke, learnt from the repeats, and what it leaves in their mean.
+"""What differs from repeat to repeat, learnt from the repeats, and what it leaves in their mean.
 
-The rack stands a tenth of a millimetre elsewhere each time and the floor grips a little more. The repeats of one condition tell how
-much; their mean keeps that, divided by the root of their number, in directions that the model knows.
+A rig stands a tenth of a millimetre elsewhere each time, and friction is a little higher. The repeats of one condition tell how much;
+their mean keeps that, divided by the root of their number, in directions that the model knows.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import PARAMETERS, Space, Supposed
-from rfca_rig.analysis.fitting.scatter import USUAL, found_scatter
+from rfca_rig.analysis.fitting.scatter import found_scatter
 from rfca_rig.diagnosis.data.dataset import Dataset
+from rfca_rig.diagnosis.simulator import ScatterDirection
 
 Floats = NDArray[np.float64]
 
@@ -24,28 +26,25 @@ class Scatter:
     columns: Floats
 
 
-def estimate_scatter(evidence: Dataset, supposed: Supposed) -> Scatter:
-    """The scatter around what is supposed, usual deviations where repeats are too few to tell."""
-    names = tuple(USUAL)
-    effect = _effects(evidence, supposed, names)
-    usual = np.array([USUAL[name] for name in names])
+def estimate_scatter(evidence: Dataset, at: Any) -> Scatter:
+    """The scatter around this input of the simulator, usual deviations where repeats are too few to tell."""
+    directions = evidence.simulator.scatter(at, evidence.parts)
+    effect = _effects(evidence, directions)
+    usual = np.array([direction.std for direction in directions])
     std = _learnt(evidence, effect, usual)
     own = effect * (std / usual)
-    if evidence.flaps and all(flap.turn.start_rad is not None for flap in evidence.flaps):
-        own[:, names.index("start_angle")] = 0.0  # each condition is simulated from the start that was recorded
-    return Scatter(dict(zip(names, (float(s) for s in std), strict=True)), _per_condition(evidence, own))
+    own[:, [direction.is_corrected for direction in directions]] = 0.0
+    return Scatter({direction.name: float(s) for direction, s in zip(directions, std, strict=True)}, _per_condition(evidence, own))
 
 
-def _effects(evidence: Dataset, supposed: Supposed, names: tuple[str, ...]) -> Floats:
+def _effects(evidence: Dataset, directions: Sequence[ScatterDirection]) -> Floats:
     """What one usual deviation of each does to the rows, (m, k), by central differences."""
-    parameters = tuple(PARAMETERS[name] for name in names)
-    std = np.array([USUAL[name] for name in names])
-    space = Space(tuple(replace(p, relative=False) for p in parameters), supposed, std, np.ones(len(std), dtype=bool))
-    steps = np.eye(len(std))
-    found = evidence.predicted_all([space.at(x) for x in (*steps, *-steps)])
-    zero = np.zeros(len(evidence.rows.measured))
-    ahead, behind = found[: len(std)], found[len(std) :]
-    return np.column_stack([zero if a is None or b is None else 0.5 * (a - b) for a, b in zip(ahead, behind, strict=True)])
+    found = evidence.predicted_all([*(direction.above for direction in directions), *(direction.below for direction in directions)])
+    columns = np.zeros((len(evidence.rows.measured), len(directions)))
+    for k, (above, below) in enumerate(zip(found[: len(directions)], found[len(directions) :], strict=True)):
+        if above is not None and below is not None:
+            columns[:, k] = 0.5 * (above - below)
+    return columns
 
 
 def _learnt(evidence: Dataset, effect: Floats, usual: Floats) -> Floats:
@@ -53,27 +52,27 @@ def _learnt(evidence: Dataset, effect: Floats, usual: Floats) -> Floats:
     rows = evidence.rows
     residuals: list[Floats] = []
     effects: list[Floats] = []
-    stroke: list[NDArray[np.intp]] = []
-    for number, strokes in enumerate(part.repeats for part in evidence.parts):
-        here, count = rows.condition == number, len(strokes)
+    repeat: list[NDArray[np.intp]] = []
+    for number, repeats in enumerate(part.repeats for part in evidence.parts):
+        here, count = rows.condition == number, len(repeats)
         if count < 2:
             continue
         noise = np.sqrt(count) * rows.noise[here]
-        for deviation in (strokes - strokes.mean(axis=0)) * np.sqrt(count / (count - 1.0)):
-            stroke.append(np.full(len(noise), len(stroke)))
+        for deviation in (repeats - repeats.mean(axis=0)) * np.sqrt(count / (count - 1.0)):
+            repeat.append(np.full(len(noise), len(repeat)))
             residuals.append(-deviation / noise)
             effects.append(effect[here] / noise[:, None])
-    if not residuals:
+    if not residuals or not len(usual):
         return usual
-    return found_scatter(usual, np.concatenate(effects), np.concatenate(residuals), np.concatenate(stroke))
+    return found_scatter(usual, np.concatenate(effects), np.concatenate(residuals), np.concatenate(repeat))
 
 
 def _per_condition(evidence: Dataset, effect: Floats) -> Floats:
     """One column per condition and quantity: conditions deviate independently, and less the more repeats are averaged."""
     condition = evidence.rows.condition
     columns = [
-        np.where(condition == number, effect[:, k], 0.0) / np.sqrt(len(strokes))
-        for number, strokes in enumerate(part.repeats for part in evidence.parts)
+        np.where(condition == number, effect[:, k], 0.0) / np.sqrt(len(repeats))
+        for number, repeats in enumerate(part.repeats for part in evidence.parts)
         for k in range(effect.shape[1])
         if np.any(effect[condition == number, k])
     ]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.data.dataset import THREADS
-from rfca_rig.diagnosis.data.strokes import FlapCondition
+from rfca_rig.diagnosis.leg.strokes import FlapCondition
 from rfca_rig.diagnosis.residual_force.spline_force import Change, SplineBasis, bump_in_hinge, bump_in_turn, bumps_of, forced_stroke
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.motion import ShaftMotion

@@ -17,6 +17,7 @@ from scipy.special import logsumexp
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.data.observations import Observations
 from rfca_rig.diagnosis.inference.map_fit import MapFit
+from rfca_rig.diagnosis.leg.simulator import flaps_of
 from rfca_rig.diagnosis.likelihood.covariance import AtError, Whitening
 from rfca_rig.diagnosis.likelihood.cross_validation import products_without
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, make_marginal_likelihood
@@ -96,7 +97,7 @@ class LocalizedForce:
 
 def scene_of(evidence: Dataset, nothing: MapFit, scatter: Floats) -> Scene:
     """The scene around `nothing`; `scatter` (m, k) as in `covariance`. Raises SimulationFailed."""
-    flaps = [flap.until(flap.phases.valley_s + AFTER_VALLEY_S) for flap in evidence.flaps]
+    flaps = [flap.until(flap.phases.valley_s + AFTER_VALLEY_S) for flap in flaps_of(evidence.parts)]
     ends_s = np.array([flap.t_s[-1] for flap in flaps])
     dynamic = evidence.rows.experiment == "dynamic"
     kept = dynamic & (evidence.rows.t_s < ends_s[np.where(dynamic, evidence.rows.condition, 0)])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import softmax
 
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
+from rfca_rig.diagnosis.leg.simulator import flaps_of
 from rfca_rig.diagnosis.residual_force.closed_loop_refit import ClosedLoopRefit, put_back
 from rfca_rig.diagnosis.residual_force.force_inputs import ForceInput, NominalCondition
 from rfca_rig.diagnosis.residual_force.force_localization import LocalizedForce, Scene, localize_force, scene_of
@@ -85,7 +86,7 @@ class Candidate:
 
 def free_form(found: ModelSelectionResult) -> FreeForm | None:
     """The answer for a search that named nothing; None where no stroke was recorded. Raises SimulationFailed."""
-    if not found.evidence.flaps:
+    if not flaps_of(found.evidence.parts):
         return None
     scene = scene_of(found.evidence, found.nothing.fitted, found.scatter.columns)
     ranked = candidates(scene)

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.swings import shifted
 from rfca_rig.diagnosis.data.dataset import Dataset
-from rfca_rig.diagnosis.data.pendulum_windows import Stretch
-from rfca_rig.diagnosis.data.strokes import FlapCondition
-from rfca_rig.diagnosis.inference.pendulum_nuisances import of_pendulum
+from rfca_rig.diagnosis.leg.simulator import flaps_of
+from rfca_rig.diagnosis.leg.strokes import FlapCondition
+from rfca_rig.diagnosis.pendulums.nuisances import of_pendulum
+from rfca_rig.diagnosis.pendulums.windows import Stretch
 from rfca_rig.errors import BadInput
 from rfca_rig.model.pendulum import driven
 from rfca_rig.model.stroke import SimulatedStroke
@@ -59,7 +60,7 @@ def arguments_at(place: str) -> tuple[str, ...]:
 
 def courses(evidence: Dataset, supposed: Supposed, place: str, argument: str) -> list[Course]:
     """The argument over every condition that moves, as the model has it. Raises SimulationFailed, and BadInput where none moves."""
-    found = [course_of_stroke(flap, supposed, place, argument) for flap in evidence.flaps]
+    found = [course_of_stroke(flap, supposed, place, argument) for flap in flaps_of(evidence.parts)]
     found += [each for part in evidence.parts if isinstance(part, Stretch) for each in course_of_stretch(part, supposed, place, argument)]
     if not found:
         raise BadInput(f"no recording moves, so that a law of {argument} at {place} cannot be measured; record strokes")

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.swings import shifted
 from rfca_rig.diagnosis.data.dataset import THREADS
-from rfca_rig.diagnosis.data.pendulum_windows import Stretch
-from rfca_rig.diagnosis.data.strokes import FlapCondition
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.inference.pendulum_nuisances import of_pendulum
+from rfca_rig.diagnosis.leg.strokes import FlapCondition
 from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
+from rfca_rig.diagnosis.pendulums.nuisances import of_pendulum
+from rfca_rig.diagnosis.pendulums.windows import Stretch
 from rfca_rig.diagnosis.residual_force.force_inputs import NominalCondition, arms_of, of_tip
 from rfca_rig.diagnosis.residual_force.law_arguments import PLAUSIBLE, Course, course_of_stretch, course_of_stroke
 from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, root_of

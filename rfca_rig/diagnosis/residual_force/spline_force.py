@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.diagnosis.data.strokes import BOUNDED, FlapCondition
+from rfca_rig.diagnosis.leg.strokes import BOUNDED, FlapCondition
 from rfca_rig.model.laws import HINGE, LawUse
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.setup import Setup, set_up, with_law

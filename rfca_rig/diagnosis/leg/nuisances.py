@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rfca_rig.analysis.fitting.parameters import PARAMETERS, Parameter, Space, Supposed, space_of
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed, space_of
+from rfca_rig.analysis.fitting.space import Parameter, Space
 from rfca_rig.model.parameters import RigModel, Swing
 
 # how a floor ties and drags a point beside mu N, how high in a deep print, and what it damps of a point that leaves
@@ -16,7 +17,7 @@ SAGS = 0.3  # a leg let go straight half a second before still swings by a third
 SAGS_PER_S = 25.0  # the same as a speed, at the 13 Hz of the paper's leg
 
 
-def nuisances_of(rig: RigModel, known_to: Mapping[str, float], before_s: float) -> Space:
+def nuisances_of(rig: RigModel, known_to: Mapping[str, float], before_s: float) -> Space[Supposed]:
     """The space of all nuisances; `before_s` is how long before the start the recording begins."""
     swinging = replace(rig, swing=Swing(before_s, 0.0, 0.0)) if before_s > 0.0 else rig
     names = [p.name for p in PARAMETERS.values() if p.known_to and known_to.get(p.known_to)]
@@ -25,13 +26,13 @@ def nuisances_of(rig: RigModel, known_to: Mapping[str, float], before_s: float) 
     return _joined(space, _SWING) if before_s > 0.0 else space
 
 
-def nuisances_of_drive(rig: RigModel, centre: Supposed) -> Space:
+def nuisances_of_drive(rig: RigModel, centre: Supposed) -> Space[Supposed]:
     """The space of what the shaft's own motion hardly depends on, and of what it does, around what is supposed of the leg."""
     space = nuisances_of(rig, {"friction_coefficient": 0.01, "height_mm": 0.1}, 0.0)
     return _joined(replace(space, centre=centre), (_DELAY,))
 
 
-def _joined(space: Space, more: tuple[Parameter, ...]) -> Space:
+def _joined(space: Space[Supposed], more: tuple[Parameter[Supposed], ...]) -> Space[Supposed]:
     return replace(
         space,
         parameters=(*space.parameters, *more),
@@ -57,6 +58,6 @@ _SWING = (
     Parameter("swing_rate", "sags/s", False, SAGS_PER_S, lambda at: _swing(at).rate_per_s, _with_rate),
 )
 
-_DELAY = Parameter(
+_DELAY: Parameter[Supposed] = Parameter(
     "command_delay", "ms", False, LATE_MS, lambda at: 1e3 * at.command_delay_s, lambda at, ms: replace(at, command_delay_s=1e-3 * ms)
 )

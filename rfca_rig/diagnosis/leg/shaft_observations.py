@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.repeats import Condition
-from rfca_rig.diagnosis.data.observations import Label, Observations, rms
-from rfca_rig.diagnosis.data.strokes import BOUNDED
+from rfca_rig.diagnosis.data.observations import Observations, rms
+from rfca_rig.diagnosis.leg.strokes import BOUNDED, dynamic_label
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.stroke import stroke_following
 
@@ -82,7 +82,7 @@ class ShaftCondition:
             phase=np.where(middle <= 0.0, "rest", "turning"),
             label=np.zeros(bins, dtype=np.intp),
             condition=np.zeros(bins, dtype=np.intp),
-            labels=(Label("dynamic", self.label, SIGNAL),),
+            labels=(dynamic_label(self.label, SIGNAL),),
         )
 
 

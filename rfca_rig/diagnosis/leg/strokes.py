@@ -26,6 +26,7 @@ TOUCHDOWN_BIN_S = 0.010
 BEFORE_TOUCHDOWN_S = 0.010  # repeats touch down some milliseconds apart
 BEFORE_LIFT_OFF_S = 0.020  # the leg lets go at moments that differ from stroke to stroke
 SMALLEST_SCALE = 0.02  # of a signal's rms over the stroke: a free leg pulls little, but not with infinite precision
+SMOOTH_OVER = 0.06  # of the way from touchdown to valley, some 50 ms: over that a model's errors are alike
 LATE_S = 0.1  # a relative error of 1 % goes with a moment that is off by 1 ms
 JOLT = 5.0  # the ringing after touchdown is that much harder to foresee than what swings slowly
 JOLT_DIES_S = 0.06
@@ -117,8 +118,13 @@ class FlapCondition:
             phase=np.tile(phase, signals),
             label=np.repeat(np.arange(signals), bins),
             condition=np.zeros(signals * bins, dtype=np.intp),
-            labels=tuple(Label("dynamic", self.label, signal) for signal in self.signals),
+            labels=tuple(dynamic_label(self.label, signal) for signal in self.signals),
         )
+
+
+def dynamic_label(condition: str, signal: str) -> Label:
+    """The label of a signal of strokes, in which the model errs smoothly from touchdown on."""
+    return Label("dynamic", condition, signal, SMOOTH_OVER, errs_by_phase=False)
 
 
 def flap_condition(condition: Condition, noise_std: Mapping[str, float | None], turn: Turn) -> FlapCondition | Refused:

@@ -10,23 +10,25 @@ Where `torque_error` says that the torques are known to another share than 1 %, 
 Neighbouring rows err alike, so that they do not count as independent.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.swings import SwingProblem, SwingWindow, shifted
+from rfca_rig.diagnosis.data.dataset import Dataset, make_dataset
 from rfca_rig.diagnosis.data.observations import Label, Observations
-from rfca_rig.diagnosis.inference.pendulum_nuisances import of_pendulum
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import USUAL_ERROR
+from rfca_rig.diagnosis.pendulums.nuisances import SupposedPendulum
+from rfca_rig.diagnosis.simulator import Simulator
 from rfca_rig.model.parameters import GRAVITY_M_S2
 from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, driven
 
 Floats = NDArray[np.float64]
 
+SWINGS = "swings"  # what their experiment is called
 WINDOW_S = 0.5
 BIN_S = 0.05  # ten rows per window and signal: pendulums of laboratory size turn back a few times a second
 WINDOWS_OF_STRETCH = 4
@@ -69,9 +71,9 @@ class Stretch:
         channels, joints, _ = self.windows[0].window.measured.shape
         return tuple(f"{('angle', 'speed')[c]}{j + 1}_{('rad', 'rad_s')[c]}" for c in range(channels) for j in range(joints))
 
-    def simulated(self, supposed: Supposed) -> Floats:
+    def simulated(self, supposed: SupposedPendulum) -> Floats:
         """The model's rows, signal by signal within window by window. Raises SimulationFailed, BadInput."""
-        ready = driven(shifted(self.pendulum, dict(of_pendulum(supposed).off)), supposed.rig.effects)
+        ready = driven(shifted(self.pendulum, dict(supposed.off)), supposed.rig.effects)
         return np.concatenate([window.predicted(ready).ravel() for window in self.windows])
 
     def rows(self) -> Observations:
@@ -89,8 +91,21 @@ class Stretch:
             phase=np.full(len(t_s), self.run),
             label=np.concatenate(label),
             condition=np.zeros(len(t_s), dtype=np.intp),
-            labels=tuple(Label("swings", self.named, signal) for signal in self.signals),
+            labels=tuple(Label(SWINGS, self.named, signal) for signal in self.signals),
         )
+
+
+class PendulumSimulator(Simulator):
+    """A driven chain of links; nothing of it scatters, and a stretch depends on nothing before it."""
+
+    def simulate(self, at: SupposedPendulum, condition: Stretch) -> Floats:
+        """What the model says of a stretch, (m,). Raises SimulationFailed, BadInput."""
+        return condition.simulated(at)
+
+
+def pendulum_dataset(stretches: Iterable[Stretch]) -> Dataset:
+    """The evidence of these stretches. Raises BadInput where there is none."""
+    return make_dataset(stretches, PendulumSimulator())
 
 
 def stretches_of(problem: SwingProblem) -> tuple[Stretch, ...]:

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rfca_rig.analysis.fitting.parameters import Parameter, Space, Supposed
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.space import Parameter, Space
 from rfca_rig.analysis.swings import Nuisance
 from rfca_rig.model.pendulum import Pendulum, rods
 
@@ -20,7 +21,7 @@ class SupposedPendulum(Supposed):
     off: tuple[tuple[str, float], ...] = ()
 
 
-def space_of_pendulum(pendulum: Pendulum, nuisances: Sequence[Nuisance]) -> Space:
+def space_of_pendulum(pendulum: Pendulum, nuisances: Sequence[Nuisance]) -> Space[SupposedPendulum]:
     """The space of the nuisances around the pendulum as believed."""
     parameters = tuple(_parameter(nuisance, _believed(pendulum, nuisance.name)) for nuisance in nuisances)
     std = np.array([nuisance.std for nuisance in nuisances])
@@ -35,14 +36,13 @@ def _believed(pendulum: Pendulum, name: str) -> float | None:
     return float(getattr(pendulum.links[int(link.removeprefix("link")) - 1], key))
 
 
-def _parameter(nuisance: Nuisance, believed: float | None) -> Parameter:
-    def read(at: Supposed) -> float:
-        return dict(of_pendulum(at).off).get(nuisance.name, 0.0)
+def _parameter(nuisance: Nuisance, believed: float | None) -> Parameter[SupposedPendulum]:
+    def read(at: SupposedPendulum) -> float:
+        return dict(at.off).get(nuisance.name, 0.0)
 
-    def write(at: Supposed, value: float) -> Supposed:
+    def write(at: SupposedPendulum, value: float) -> SupposedPendulum:
         by = value if believed is None else never_below(believed, nuisance.std)(value)
-        before = of_pendulum(at)
-        return replace(before, off=(*(pair for pair in before.off if pair[0] != nuisance.name), (nuisance.name, by)))
+        return replace(at, off=(*(pair for pair in at.off if pair[0] != nuisance.name), (nuisance.name, by)))
 
     unit = "" if nuisance.name.endswith("_relative") else nuisance.name.split("_", 2)[-1]
     return Parameter(nuisance.name, unit, False, nuisance.std, read, write)

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.diagnosis.data.dataset import make_dataset
-from rfca_rig.diagnosis.data.shaft_observations import ShaftCondition, tracking_error
 from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
 from rfca_rig.diagnosis.inference.map_fit import without_scatter
-from rfca_rig.diagnosis.inference.nuisances import nuisances_of_drive
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.inference.screening import probe_effects, terms_of
+from rfca_rig.diagnosis.leg.nuisances import nuisances_of_drive
+from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, tracking_error
+from rfca_rig.diagnosis.leg.simulator import leg_dataset
 from rfca_rig.diagnosis.result import NotSeen
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import RigModel
@@ -38,7 +38,7 @@ class _Obedience:
 def excluded_by_tracking(shafts: Sequence[ShaftCondition], rig: RigModel, effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
     """For each of these drives, none of which the rig is believed to have, the size from which on it would have been looked at."""
     wanted = [effect for effect in effects if effect.id not in {present.id for present in rig.effects}]
-    evidence = make_dataset(shafts)
+    evidence = leg_dataset(shafts)
     coordinates = Parameterization(nuisances_of_drive(rig, Supposed(rig)))
     base = without_scatter(evidence).at(coordinates, np.zeros(coordinates.size))
     trials = [] if base is None else probe_effects(evidence, base, [choice for effect in wanted for choice in terms_of(effect)])

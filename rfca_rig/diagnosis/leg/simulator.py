@@ -1,0 +1,118 @@
+"""The compiled chain of the leg as a `Simulator`: strokes, static tables, and the shaft's own motion."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
+from rfca_rig.analysis.fitting.scatter import USUAL
+from rfca_rig.analysis.fitting.space import Space
+from rfca_rig.diagnosis.data.dataset import Dataset, make_dataset
+from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition
+from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable
+from rfca_rig.diagnosis.leg.strokes import FlapCondition
+from rfca_rig.diagnosis.likelihood.covariance import discrepancy, factored
+from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
+from rfca_rig.diagnosis.simulator import ScatterDirection, Simulator, spread
+from rfca_rig.errors import BadInput
+from rfca_rig.model.static_stages import StageMoves
+
+Floats = NDArray[np.float64]
+LegCondition = FlapCondition | StageTable | ShaftCondition
+
+MOVES = (StageMoves(1.0, 0.005, HOLD_S), StageMoves(1.0, 0.05, HOLD_S), StageMoves(0.2, 0.2, HOLD_S))
+MODEL_ERROR = 0.01
+STEP = 0.3
+
+
+@dataclass(frozen=True)
+class LegSimulator(Simulator):
+    """The leg; the shaft stood where it was told in static stages if it `stopped_as_told`."""
+
+    stopped_as_told: bool = True
+
+    def simulate(self, at: Supposed, condition: LegCondition) -> Floats:
+        """What the model says of a condition, signal after signal, (m,). Raises SimulationFailed."""
+        return condition.simulated(at)
+
+    def coarsen(self, conditions: Sequence[LegCondition], count: int) -> list[int]:
+        """At most `count` of the conditions that move, and one static table."""
+        is_table = [isinstance(condition, StageTable) for condition in conditions]
+        moving, tables = np.flatnonzero(~np.array(is_table)), np.flatnonzero(is_table)
+        return sorted(int(number) for number in (*moving[spread(len(moving), count)], *tables[:1]))
+
+    def truncate(self, condition: LegCondition, share: float) -> FlapCondition | None:
+        """A stroke until that share of its way from touchdown to valley."""
+        if not isinstance(condition, FlapCondition):
+            return None
+        phases = condition.phases
+        return condition.until(phases.touchdown_s + share * (phases.valley_s - phases.touchdown_s))
+
+    def scatter(self, at: Supposed, conditions: Sequence[LegCondition]) -> tuple[ScatterDirection, ...]:
+        """Height of the rack, friction, and start angle; a recorded start is simulated, so that its scatter is none of the mean's."""
+        std = np.array(list(USUAL.values()))
+        parameters = tuple(replace(PARAMETERS[name], relative=False) for name in USUAL)
+        space = Space(parameters, at, std, np.ones(len(std), dtype=bool))
+        flaps = flaps_of(conditions)
+        starts_recorded = bool(flaps) and all(flap.turn.start_rad is not None for flap in flaps)
+        return tuple(
+            ScatterDirection(name, USUAL[name], space.at(step), space.at(-step), starts_recorded and name == "start_angle")
+            for name, step in zip(USUAL, np.eye(len(std)), strict=True)
+        )
+
+    def forget_history(self, conditions: tuple[LegCondition, ...]) -> tuple[LegCondition, ...]:
+        """Before anything is known of how the shaft was moved, what friction held at a static stage is left open."""
+        return _with_tables(conditions, [replace(table, stopped_as_told=False) for table in tables_of(conditions)])
+
+    def infer_history(
+        self, conditions: tuple[LegCondition, ...], input_at: Callable[[Floats], Supposed], x: Floats
+    ) -> tuple[LegCondition, ...]:
+        """The static tables moved through as is likeliest around x."""
+        tables = [replace(table, stopped_as_told=self.stopped_as_told) for table in tables_of(conditions)]
+        if not tables:
+            return conditions
+        moves = infer_approach(tables, input_at, x)
+        return _with_tables(conditions, [replace(table, moves=moves) for table in tables])
+
+
+def leg_dataset(conditions: Iterable[LegCondition], stopped_as_told: bool = True) -> Dataset:
+    """The evidence of a leg's recordings. Raises BadInput where there is none."""
+    conditions = tuple(conditions)
+    if not conditions:
+        raise BadInput("nothing to diagnose: no stroke shows a touchdown and a valley, and there is no static table")
+    return make_dataset(conditions, LegSimulator(stopped_as_told))
+
+
+def flaps_of(conditions: Iterable[object]) -> tuple[FlapCondition, ...]:
+    """The conditions of the dynamic experiment."""
+    return tuple(condition for condition in conditions if isinstance(condition, FlapCondition))
+
+
+def tables_of(conditions: Iterable[object]) -> tuple[StageTable, ...]:
+    """The tables of the static one."""
+    return tuple(condition for condition in conditions if isinstance(condition, StageTable))
+
+
+def infer_approach(tables: Sequence[StageTable], input_at: Callable[[Floats], Supposed], x: Floats) -> StageMoves:
+    """Of the usual ways to move the shaft from stage to stage the one with the greatest evidence, all unknowns free around x."""
+    return max(MOVES, key=lambda moves: _log_evidence([replace(table, moves=moves) for table in tables], input_at, x))
+
+
+def _with_tables(conditions: tuple[LegCondition, ...], tables: Sequence[StageTable]) -> tuple[LegCondition, ...]:
+    """The conditions with these tables in place of theirs; the same tuple where they are the same."""
+    if tuple(tables) == tables_of(conditions):
+        return conditions
+    return (*(condition for condition in conditions if not isinstance(condition, StageTable)), *tables)
+
+
+def _log_evidence(tables: Sequence[StageTable], input_at: Callable[[Floats], Supposed], x: Floats) -> float:
+    evidence = leg_dataset(tables)
+    rows = evidence.rows
+    here, *moved = evidence.predicted_all([input_at(point) for point in (x, *(x + STEP * unit for unit in np.eye(len(x))))])
+    if here is None:
+        return -np.inf
+    jacobian = np.column_stack([np.zeros(len(here)) if m is None else (m - here) / STEP for m in moved])
+    whitening = factored(np.diag(rows.noise**2) + MODEL_ERROR**2 * discrepancy(rows))
+    return laplace_posterior(Linear(rows.measured - here + jacobian @ x, jacobian), whitening).log_evidence
