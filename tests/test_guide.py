@@ -82,5 +82,5 @@ def test_the_pages_that_it_leads_to_are_there():
 
 
 def test_every_verdict_has_its_line():
-    for verdict in ("NAMED", "NOTHING MISSING", "UNEXPLAINED", "NOT ENOUGH DATA"):
+    for verdict in ("IDENTIFIED", "MOSTLY", "FAMILY", "NOTHING MISSING", "UNEXPLAINED", "NOT ENOUGH DATA"):
         assert f"| `{verdict}` |" in GUIDE

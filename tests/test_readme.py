@@ -60,7 +60,7 @@ def test_the_whole_job_ends_in_a_report_and_the_snippet_reads_its_recording(clon
     assert re.search(r"average error of the valley ([\d.]+) % in time, ([\d.]+) % in force", said.err).groups() == shown
     told = typed(monkeypatch, capsys, *diagnose[1:])
     assert told.exit_code == 0
-    assert told.out.splitlines()[:2] == re.search(r"```text\n(NAMED.*?)\nmotor", README, re.DOTALL)[1].splitlines()
+    assert told.out.splitlines()[:2] == re.search(r"```text\n(IDENTIFIED.*?)\nmotor", README, re.DOTALL)[1].splitlines()
     (effect,) = json.loads((clone / "diagnosis" / "diagnosis.json").read_text())["effects"]
     assert effect["id"] == "motor_speed_droop"
     assert typed(monkeypatch, capsys, "runs", "--verdict", "motor_speed_droop", "--paths").out == "runs/SIM-table-ii-001\n"
