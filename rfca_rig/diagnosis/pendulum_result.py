@@ -102,7 +102,9 @@ def _closest(verdict: Verdict, found: ModelSelectionResult, decision: Decision) 
     return (f"with {' and '.join(decision.suspected.ids)} in the model, rms on held-out stretches falls: {figures}",) if figures else ()
 
 
-def _not_seen(found: ModelSelectionResult, accepted: Hypothesis, suspects: Collection[str], effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
+def _not_seen(
+    found: ModelSelectionResult, accepted: Hypothesis, suspects: Collection[str], effects: Sequence[Effect]
+) -> tuple[NotSeen, ...]:
     fitted = accepted.fitted
     measured = found.evidence.rows.measured
     projection = projection_of(fitted, measured, found.judge.level(fitted.linear(measured)))
