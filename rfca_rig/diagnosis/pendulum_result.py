@@ -39,7 +39,7 @@ def build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decisi
     cells, places = locate_mismatch(found.evidence.rows, found.believed, found.judge)
     supposed = accepted.fitted.coordinates.supposed(accepted.judgement.posterior.mean)
     effects_stated = decision.stated if is_stated else ()
-    statement = decision.statement
+    statement = decision.statement if enough else None
     return Diagnosis(
         title=campaign.title,
         verdict=verdict,
