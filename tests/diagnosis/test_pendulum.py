@@ -101,8 +101,8 @@ def test_where_the_friction_is_believed_nothing_is_claimed_of_the_same_recording
 @pytest.mark.exam
 def test_a_real_weight_that_was_added_or_a_scale_that_does_the_same_is_what_it_behaves_like():
     found = diagnosed(read_pendulum_campaign(DATA / "simple-heavier"))
-    assert found.rivals[0].probability > 0.5
-    assert {"added_mass", "torque_scale"} & set(found.rivals[0].ids)
+    alike = [rival.probability for rival in found.rivals if {"added_mass", "torque_scale"} & set(rival.ids)]
+    assert sum(alike) > 0.95
 
 
 THREE_PUBLISHED_SETS_AGREE_TO = {
