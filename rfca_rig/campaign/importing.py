@@ -1,8 +1,12 @@
-"""Turns a campaign folder into a recording on disk."""
+"""Turns a campaign folder into a recording on disk, and takes over that of a pendulum as it stands."""
 
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 from rfca_rig.campaign.opening import RECORDING_NAME
+from rfca_rig.campaign.pendulum import PendulumCampaign, read_pendulum_campaign, run_files
+from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.progress import Watcher, unwatched
@@ -16,13 +20,42 @@ def import_campaign(folder: Path, out_folder: Path, told: Watcher = unwatched) -
 
     Raises BadInput, one line, where the campaign cannot be used or `out_folder` is there already, RigError when the disk refuses.
     """
+    _check_new(out_folder)
+    recording = read_campaign(folder, told)
+    _make(out_folder, lambda partial: write_recording(recording, partial / RECORDING_NAME))
+    return out_folder / RECORDING_NAME
+
+
+def import_pendulum(folder: Path, out_folder: Path) -> PendulumCampaign:
+    """Checks the campaign of a pendulum in `folder` and copies it to `out_folder`, all or nothing: description, runs, licences.
+
+    Every command reads such a folder as it stands, so that the copy has the same form.
+
+    Raises BadInput, one line, where the campaign cannot be used or `out_folder` is there already, RigError when the disk refuses.
+    """
+    _check_new(out_folder)
+    campaign = read_pendulum_campaign(folder)
+    licences = [path.name for path in folder.iterdir() if path.is_file() and path.name.upper().startswith(("LICEN", "README"))]
+    names = [PENDULUM, *run_files(folder), *sorted(licences)]
+
+    def copy(partial: Path) -> None:
+        for name in names:
+            (partial / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(folder / name, partial / name)
+
+    _make(out_folder, copy)
+    return campaign
+
+
+def _check_new(out_folder: Path) -> None:
     if out_folder.exists():
         raise BadInput(f"{out_folder}: is there already; name a folder that does not exist yet, or take this one away")
-    recording = read_campaign(folder, told)
+
+
+def _make(out_folder: Path, write: Callable[[Path], object]) -> None:
     try:
-        make_folder_atomically(out_folder, lambda partial: write_recording(recording, partial / RECORDING_NAME))
+        make_folder_atomically(out_folder, write)
     except (FileExistsError, NotADirectoryError):
         raise BadInput(f"{out_folder}: cannot be made: there is a file in its way; name another folder with --out") from None
     except OSError as error:
         raise RigError(f"{out_folder}: cannot be made: {error.strerror}") from None
-    return out_folder / RECORDING_NAME

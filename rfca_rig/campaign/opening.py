@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rfca_rig.campaign.layout import FILE_NAME
+from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.believed import believed_model
 from rfca_rig.errors import BadInput
@@ -14,6 +15,17 @@ from rfca_rig.recording.older_partial import partial_of, read_partial
 from rfca_rig.recording.store import read_recording
 
 RECORDING_NAME = "run.h5"
+
+
+def pendulum_among(paths: Sequence[Path]) -> Path | None:
+    """The campaign of a pendulum that `paths` point at, None where they point at none.
+
+    Raises BadInput where it does not stand alone: its model is another than that of every other path.
+    """
+    found = [path for path in paths if (path / PENDULUM).is_file()]
+    if found and len(paths) > 1:
+        raise BadInput(f"{found[0]}: is a campaign of a pendulum, whose model is its own; give it alone")
+    return found[0] if found else None
 
 
 def open_recordings(paths: Sequence[Path]) -> list[Recording]:
@@ -64,4 +76,6 @@ def _open_folder(folder: Path) -> Recording:
         return run_folder.read_stages(folder)
     if partial_of(recording).is_dir():
         return read_partial(recording)
+    if (folder / PENDULUM).is_file():
+        raise BadInput(f"{folder}: is a campaign of a pendulum, which this command does not take; import, report, fit and diagnose do")
     raise BadInput(f"{folder}: holds neither {FILE_NAME} nor {RECORDING_NAME}, so it is no campaign and no run")

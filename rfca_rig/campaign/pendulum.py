@@ -86,15 +86,21 @@ def read_pendulum_campaign(folder: Path) -> PendulumCampaign:
     _check_runs(folder, path, described)
     return PendulumCampaign(
         title=described.title,
-        pendulum=Pendulum(tuple(_link(link) for link in described.links)),
+        pendulum=pendulum_of(*described.links),
         known_to=described.known_to.model_dump(exclude_none=True),
         noise_std=described.noise_std.model_dump(exclude_none=True),
         runs=tuple(_run(folder, described, run) for run in described.runs),
     )
 
 
-def _link(link: LinkSection) -> PendulumLink:
-    return PendulumLink(**link.model_dump())
+def run_files(folder: Path) -> tuple[str, ...]:
+    """The CSV files that the campaign in `folder` names, as paths below it. Raises BadInput where its description cannot be used."""
+    return tuple(run.file for run in read_toml(folder / FILE_NAME, PendulumFile).runs)
+
+
+def pendulum_of(*links: LinkSection | None) -> Pendulum:
+    """The pendulum of these sections, from the fixed joint outwards; None stands for a link that is not there."""
+    return Pendulum(tuple(PendulumLink(**link.model_dump()) for link in links if link is not None))
 
 
 def _check_columns(path: Path, described: PendulumFile) -> None:

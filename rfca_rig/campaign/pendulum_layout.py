@@ -5,9 +5,11 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from rfca_rig.description.sections import NotNegative, Positive, Section
+from rfca_rig.recording.layout import PENDULUM
 
 FORMAT = "rfca-pendulum/1"
-FILE_NAME = "pendulum.toml"
+MODEL_FORMAT = "rfca-pendulum-model/1"
+FILE_NAME = PENDULUM
 
 LONGEST_DELAY_S = 0.05  # of a torque against the angles; swings are cut with a margin of twice that
 

@@ -49,7 +49,7 @@ def diagnose(
 
     Example: rfca-rig diagnose runs/SIM-table-ii-001 --out diagnosis
     """
-    from rfca_rig.campaign.opening import open_with_belief
+    from rfca_rig.campaign.opening import open_with_belief, pendulum_among
     from rfca_rig.cli.printing import Printing
     from rfca_rig.diagnosis.candidate_effects import check_known
     from rfca_rig.errors import BadInput
@@ -66,7 +66,9 @@ def diagnose(
         return
     if each or workers or cluster:
         raise BadInput("--workers and --cluster share out what --each makes many of; one diagnosis, or --close-the-loop, stays here")
-    if len(paths) == 1 and (paths[0] / "pendulum.toml").is_file():
+    if pendulum_among(paths) is not None:
+        if close_the_loop:
+            raise BadInput("--close-the-loop runs experiments on a leg's rig; leave it out for a pendulum and do the proposed run by hand")
         diagnosis = _pendulum(asked)
     elif not close_the_loop:
         diagnosis = _diagnosed(open_with_belief(paths), asked)
@@ -133,12 +135,16 @@ def _pendulum(asked: Asked) -> "Diagnosis":
     from rfca_rig.campaign.pendulum import read_pendulum_campaign
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulum import diagnose_pendulum
+    from rfca_rig.diagnosis.result import Diagnosed
+    from rfca_rig.recording.identity import identity_of_tables
     from rfca_rig.report.diagnosis_files import write_diagnosis
     from rfca_rig.report.origin import imported
 
     (folder,) = asked.paths
     with progress(asked.quiet) as bars:
         diagnosis = diagnose_pendulum(read_pendulum_campaign(folder), bars.share, asked.without)
+    recorded = Diagnosed(diagnosis.title, "IMPORT", identity_of_tables(diagnosis.title, folder))
+    diagnosis = replace(diagnosis, recordings=(recorded,))
     write_diagnosis(diagnosis, asked.out, imported(asked.command, folder, diagnosis.title))
     return diagnosis
 

@@ -10,7 +10,7 @@ import typer
 from rfca_rig.cli.crews import Cluster, Told, asked_crew
 from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json
-from rfca_rig.cli.reporting import Shaft
+from rfca_rig.cli.reporting import Shaft, refuse_for_pendulum
 from rfca_rig.cli.writable import out_file
 
 if TYPE_CHECKING:
@@ -53,9 +53,15 @@ def fit(
     from rfca_rig.analysis.fitting.parameters import named
     from rfca_rig.analysis.fitting.residuals import Window
     from rfca_rig.analysis.fitting.strokes import Comparison, fit_recordings
-    from rfca_rig.campaign.opening import open_with_belief
+    from rfca_rig.campaign.opening import open_with_belief, pendulum_among
     from rfca_rig.cli.progress import progress
 
+    pendulum = pendulum_among(paths)
+    if pendulum is not None:
+        asked = {"--shaft": shaft != Shaft.recorded, "--phases": phases != "loading", "--after-touchdown": after_touchdown != 200.0}
+        refuse_for_pendulum({**asked, "--starts": starts != 1, "--cluster": cluster is not None})
+        _fit_pendulum(pendulum, _names(parameters), out, as_json)
+        return
     comparison = Comparison(shaft.value, Window(tuple(_names(phases)), 1e-3 * after_touchdown))
     named(_names(parameters))
     recordings = open_with_belief(paths)
@@ -68,6 +74,27 @@ def fit(
         sources = [f"{path} ({recording.source}): {recording.title}" for path, recording in zip(paths, recordings, strict=True)]
         write_model_file(out, result, recordings[0].believed, recordings[0].known_to, sources)
     _print(result, out, as_json)
+
+
+def _fit_pendulum(folder: Path, names: list[str], out: Path | None, as_json: bool) -> None:
+    """The same of a pendulum's recordings."""
+    from rfca_rig.campaign.pendulum import read_pendulum_campaign
+    from rfca_rig.campaign.pendulum_model import write_pendulum_model
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.diagnosis.pendulum_fit import fit_pendulum, fitted_known_to
+
+    campaign = read_pendulum_campaign(folder)
+    with progress(quiet=as_json) as bars:
+        found = fit_pendulum(campaign, bars.share, names)
+    if out is not None:
+        comments = [f"Fitted to {folder} (IMPORT): {campaign.title}", *found.lines()]
+        write_pendulum_model(out, found.pendulum, fitted_known_to(campaign, found), comments)
+    if as_json:
+        typer.echo(json.dumps(found.plain(), indent=1))
+        return
+    print_lines(found.lines())
+    if out is not None:
+        typer.echo(f"{out}: the fitted model; rfca-rig report {folder} --model {out} compares it", err=True)
 
 
 def _crew_of_starts(cluster: str | None, told: Told) -> "AbstractContextManager[Crew | None]":

@@ -9,7 +9,7 @@ from rfca_rig.cli.options import Json
 
 
 def import_folder(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A folder with campaign.toml and its CSV files.")],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A folder with campaign.toml, or pendulum.toml, and its CSV files.")],
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="New folder for the recording; runs/IMPORT-NAME if not given.")
     ] = None,
@@ -17,15 +17,26 @@ def import_folder(
 ) -> None:
     """Read recordings from elsewhere (format rfca-campaign/1) into the form that report and diagnosis work on.
 
+    Recordings of a pendulum (format rfca-pendulum/1) are checked and copied as they stand.
+
     Example: rfca-rig import my-campaign
     """
     import json
 
-    from rfca_rig.campaign.importing import import_campaign
+    from rfca_rig.campaign.importing import import_campaign, import_pendulum
+    from rfca_rig.campaign.opening import pendulum_among
     from rfca_rig.cli.progress import progress
     from rfca_rig.recording.store import read_recording
 
     target = out or Path("runs") / f"IMPORT-{folder.resolve().name}"
+    if pendulum_among([folder]) is not None:
+        pendulum = import_pendulum(folder, target)
+        if as_json:
+            counts = {"links": len(pendulum.pendulum.links), "pendulum_runs": len(pendulum.runs)}
+            typer.echo(json.dumps({"source": "IMPORT", "run": str(target), "title": pendulum.title, **counts}, indent=1))
+            return
+        typer.echo(f"IMPORT {len(pendulum.runs)} runs of a pendulum in {target}; next: rfca-rig diagnose {target}", err=True)
+        return
     with progress(as_json) as bars:
         recording = read_recording(import_campaign(folder, target, bars.counting("reading strokes")))
     if as_json:

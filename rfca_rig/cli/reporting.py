@@ -1,6 +1,6 @@
 """rfca-rig report"""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -37,11 +37,54 @@ def report(
 ) -> None:
     """Compare recordings with the model: Table II and overlays of measured and simulated force; and tell how each run went, in run.html.
 
+    Of a pendulum: angles and speeds of each run, with nominal, fitted and held-out errors.
+
     Works offline, changes no recording.
 
     Example: rfca-rig report runs/SIM-table-ii-001 --out report
     """
-    write(paths, out, shaft.value, as_json, quiet=as_json, model=model, pdf=pdf)
+    from rfca_rig.campaign.opening import pendulum_among
+
+    pendulum = pendulum_among(paths)
+    if pendulum is None:
+        write(paths, out, shaft.value, as_json, quiet=as_json, model=model, pdf=pdf)
+        return
+    refuse_for_pendulum({"--shaft": shaft != Shaft.average})
+    _write_pendulum(pendulum, out, as_json, model, pdf)
+
+
+def refuse_for_pendulum(given: Mapping[str, bool]) -> None:
+    """Raises BadInput for the first option that was given and says nothing of a pendulum."""
+    from rfca_rig.errors import BadInput
+
+    for option, is_given in given.items():
+        if is_given:
+            raise BadInput(f"{option}: is an option for recordings of a leg; leave it out for a pendulum")
+
+
+def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool) -> None:
+    """The same of a pendulum's recordings."""
+    from rfca_rig.campaign.pendulum import read_pendulum_campaign
+    from rfca_rig.campaign.pendulum_model import with_model_file
+    from rfca_rig.cli.printing import Printing
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.diagnosis.pendulum_fit import fit_pendulum
+    from rfca_rig.report.origin import imported, typed
+    from rfca_rig.report.pendulum_page import JSON_FILE, PAGE, write_pendulum_report
+
+    printing = Printing(pdf)
+    campaign = read_pendulum_campaign(folder)
+    if model is not None:
+        campaign = with_model_file(campaign, model)
+    with progress(as_json) as bars:
+        found = fit_pendulum(campaign, bars.share)
+    command = typed("report", folder, options={"--model": model})
+    write_pendulum_report(campaign, found, out, imported(command, folder, campaign.title), model.name if model else None)
+    if as_json:
+        typer.echo((out / JSON_FILE).read_text(encoding="utf-8"), nl=False)
+    else:
+        typer.echo(f"{out / PAGE}: measured and simulated angles of {len(campaign.runs)} runs", err=True)
+    printing.print([out / PAGE], as_json)
 
 
 def write(

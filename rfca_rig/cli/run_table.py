@@ -53,7 +53,7 @@ def _head(entry: Entry) -> Iterator[str]:
 
 def _recorded(entry: Entry) -> str:
     """What, where, of which specimen, by whom."""
-    counts = ((entry.cycles, "cycle"), (entry.strokes, "stroke"), (entry.static_stages, "static stage"))
+    counts = ((entry.cycles, "cycle"), (entry.strokes, "stroke"), (entry.static_stages, "static stage"), (entry.swings, "pendulum run"))
     what = [f"{count} {name}{'' if count == 1 else 's'}" for count, name in counts if count] or ["nothing whole"]
     people = [text for text in (entry.sample and f"sample {entry.sample}", entry.operator) if text]
     return "; ".join(text for text in (", ".join(what), _conditions(entry.conditions), *people) if text)

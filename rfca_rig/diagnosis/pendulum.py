@@ -11,7 +11,7 @@ from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.pendulum_candidates import candidates_of
+from rfca_rig.diagnosis.pendulum_candidates import candidates_of, own_effects
 from rfca_rig.diagnosis.pendulum_result import build_result
 from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum
 from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, pendulum_dataset, stretches_of
@@ -31,7 +31,9 @@ def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: C
     found, effects = search_pendulum(problem, progress, without)
     progress("summing up", 0.97)
     diagnosis = build_result(campaign, found, decide(found, len(effects)), effects)
-    return replace(diagnosis, remarks=(*diagnosis.remarks, *describe_exclusions(without)))
+    _, refused = own_effects(campaign.pendulum)
+    not_tried = tuple(f"not looked for: {why}" for effect_id, why in refused.items() if effect_id not in without)
+    return replace(diagnosis, remarks=(*diagnosis.remarks, *describe_exclusions(without), *not_tried))
 
 
 def search_pendulum(problem: SwingProblem, progress: Progress, without: Collection[str] = ()) -> tuple[ModelSelectionResult, list[Effect]]:

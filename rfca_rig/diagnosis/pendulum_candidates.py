@@ -13,8 +13,11 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.swings import SwingProblem
 from rfca_rig.diagnosis.candidate_effects import select_candidates
 from rfca_rig.diagnosis.pendulums.windows import usual_torque_Nm
-from rfca_rig.model.catalogue import catalogue
+from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import catalogue, lab_texts
 from rfca_rig.model.effect import OF_PENDULUMS, Effect, Parameter
+from rfca_rig.model.parameters import PresentEffect
+from rfca_rig.model.pendulum import Pendulum, driven
 
 Floats = NDArray[np.float64]
 
@@ -78,15 +81,35 @@ def _range(values: Floats) -> tuple[float, float]:
 def candidates_of(problem: SwingProblem, without: Collection[str]) -> list[Effect]:
     """The effects that are looked for, with ranges that suit the rig.
 
-    Effects of the torque need a driven run, those of one joint two joints, those of the speed's channel a recorded speed.
+    Effects of a lab's own are looked for where the pendulum has a place for them. Effects of the torque need a driven run, those of one
+    joint two joints, those of the speed's channel a recorded speed.
     """
     powered = any(window.trace.powered for window in problem.windows) and any(link.driven for link in problem.pendulum.links)
     idle = () if powered else OF_TORQUE
     idle = idle if len(problem.pendulum.links) > 1 else (*idle, *OF_TWO_JOINTS)
     idle = idle if any(len(window.measured) > 1 for window in problem.windows) else (*idle, *OF_SPEED)
-    known = (effect for effect in catalogue().values() if effect.where == OF_PENDULUMS or effect.id in ALSO)
+    own, _ = own_effects(problem.pendulum)
+    known = (effect for effect in catalogue().values() if effect.where == OF_PENDULUMS or effect.id in (*ALSO, *own))
     scale = scale_of(problem)
     return [_scaled(effect, scale) for effect in select_candidates(known, without) if effect.id not in idle]
+
+
+def own_effects(pendulum: Pendulum) -> tuple[tuple[str, ...], Mapping[str, str]]:
+    """Ids of the effects of a lab's own that this pendulum has a place for, and why it has none for the others, by id."""
+    fitting, refused = [], {}
+    for effect in (catalogue()[name] for name in lab_texts(catalogue())):
+        try:
+            driven(pendulum, [PresentEffect(effect.id, tuple((p.name, _middle(p)) for p in effect.parameters))])
+            fitting.append(effect.id)
+        except BadInput as error:
+            refused[effect.id] = str(error)
+    return tuple(fitting), refused
+
+
+def _middle(parameter: Parameter) -> float:
+    """A plausible value: no effect acts at its neutral one."""
+    middle = 0.5 * (parameter.low + parameter.high) or parameter.high
+    return float(round(middle)) if parameter.whole else middle
 
 
 def _scaled(effect: Effect, scale: RigScale) -> Effect:

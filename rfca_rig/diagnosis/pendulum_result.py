@@ -35,7 +35,8 @@ def build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decisi
     cells, places = locate_mismatch(found.evidence.rows, found.believed, found.judge)
     supposed = accepted.fitted.coordinates.supposed(accepted.judgement.posterior.mean)
     effects_stated = decision.stated if is_stated else ()
-    statement = decision.statement
+    statement = decision.statement if enough else None
+    suspects = decision.suspects.union(*(effect.cannot_tell_from for effect in effects_stated))
     return Diagnosis(
         title=campaign.title,
         verdict=verdict,
@@ -45,7 +46,7 @@ def build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decisi
         effects=effects_stated,
         gates=decision.gates,
         rivals=decision.rivals[:12],
-        not_seen=_not_seen(found, explanation, decision.suspects, effects),
+        not_seen=_not_seen(found, explanation, suspects, effects),
         fit=before_and_after(found, explanation, SWINGS),
         held_out=_held_out(found, explanation),
         valley={},

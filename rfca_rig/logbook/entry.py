@@ -32,7 +32,8 @@ class Entry:
     """`folder` is the path from the folder of all runs. `began_s` is in seconds since 1970.
 
     `ended` is one of ENDINGS, "" where nobody can know, as of an imported recording; `code` that of a trip. `why` are the words of the end,
-    or of the damage. "interrupted" is one that was cut off and recovered, "unfinished" one that goes on, or was cut off.
+    or of the damage. "interrupted" is one that was cut off and recovered, "unfinished" one that goes on, or was cut off. `swings` counts
+    the recordings of a pendulum.
     """
 
     folder: str
@@ -51,6 +52,7 @@ class Entry:
     why: str = ""
     identity: str = ""
     verdict: Verdict | None = None
+    swings: int = 0
 
     def plain(self) -> dict[str, Any]:
         """In JSON's own types."""

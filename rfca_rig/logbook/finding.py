@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING
+from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, PENDULUM, RECORDING
 
-TELLING = (HEADER, ENDING, EVENTS, RECORDING)
+TELLING = (HEADER, ENDING, EVENTS, RECORDING, PENDULUM)
 DIAGNOSIS = "diagnosis.json"
 DEEPEST = 6  # folders of folders of runs
 
@@ -36,7 +36,7 @@ def _below(runs: str, folder: str, deeper: int) -> Iterator[Found]:
     except OSError:  # taken away meanwhile, or not ours to read
         return
     files = {one.name: one for one in inside if one.name in TELLING}
-    if HEADER in files or RECORDING in files:
+    if {HEADER, RECORDING, PENDULUM} & set(files):
         yield Found(folder or ".", "|".join(_stamp(files[name]) for name in TELLING if name in files), tuple(_diagnoses(inside)))
         return
     for one in inside:

@@ -1,6 +1,7 @@
 """Reads a run's folder into its line of the logbook: from three small text files, or from run.h5 where that is all there is."""
 
 import json
+import tomllib
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,8 +11,8 @@ from typing import Any
 
 from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.logbook.entry import Condition, Entry
-from rfca_rig.recording.identity import identity_of
-from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING
+from rfca_rig.recording.identity import identity_of, identity_of_tables
+from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, PENDULUM, RECORDING
 
 REASONS = {"done": "done", "stopped": "stopped", "worn-out": "worn out"}
 MEASURED = ("Flap", "Hold", "Cycles")
@@ -22,7 +23,9 @@ def entry_in(runs: Path, folder: str) -> Entry:
     """The entry of a run's folder; of one whose files cannot be read it says so."""
     path = runs / folder
     try:
-        return _of_run(path, folder) if (path / HEADER).is_file() else _of_recording(path, folder)
+        if (path / HEADER).is_file():
+            return _of_run(path, folder)
+        return _of_recording(path, folder) if (path / RECORDING).is_file() else _of_pendulum(path, folder)
     except (BadInput, OSError, ValueError, LookupError, TypeError, AttributeError) as error:
         why = str(error) if isinstance(error, BadInput) else f"{type(error).__name__}: {error}"
         return Entry(folder, path.name, "", "", _changed_s(path), ended="damaged", why=why)
@@ -137,6 +140,21 @@ def _of_recording(path: Path, folder: str) -> Entry:
         code,
         why,
         identity_of(outline.title, outline.source, known),
+    )
+
+
+def _of_pendulum(path: Path, folder: str) -> Entry:
+    """Recordings of a pendulum; whether its tables can be used is for the commands that read them."""
+    described = tomllib.loads((path / PENDULUM).read_text(encoding="utf-8"))
+    title = str(described["title"])
+    return Entry(
+        folder,
+        title,
+        "IMPORT",
+        "imported",
+        (path / PENDULUM).stat().st_mtime,
+        swings=len(described["runs"]),
+        identity=identity_of_tables(title, path),
     )
 
 

@@ -3,6 +3,9 @@
 import hashlib
 import json
 from collections.abc import Mapping
+from pathlib import Path
+
+from rfca_rig.recording.sums import sum_line
 
 DIGITS = 32
 
@@ -14,3 +17,10 @@ def identity_of(title: str, source: str, provenance: Mapping[str, str]) -> str:
     """
     text = json.dumps([title, source, dict(provenance)], sort_keys=True, ensure_ascii=True)
     return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+
+
+def identity_of_tables(title: str, folder: Path) -> str:
+    """The same of recordings from elsewhere that are read as they stand, a description and tables below `folder`. Raises OSError."""
+    files = sorted([*folder.glob("*.toml"), *folder.rglob("*.csv")])
+    sums = "".join(f"{sum_line(file, folder)}\n" for file in files)
+    return identity_of(title, "IMPORT", {"sha256": hashlib.sha256(sums.encode()).hexdigest()})

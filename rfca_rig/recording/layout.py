@@ -17,6 +17,7 @@ STAGES = "stages"
 ENDING = "end.json"
 RECORDING = "run.h5"
 SUMS = "SHA256SUMS"
+PENDULUM = "pendulum.toml"  # describes recordings of a pendulum, which every command reads as they stand
 BALLAST = ".ballast"
 JOURNAL = ".journal"
 STAGE = ".h5"

@@ -37,11 +37,15 @@ def simple():
     return diagnosed(read_pendulum_campaign(DATA / "simple"))
 
 
-def test_friction_left_out_of_a_real_pendulum_is_stated_at_the_grade_that_its_law_allows(simple):
-    """No law of a gear's friction holds to the usual model error; the family does, and its laws are not excluded."""
-    assert simple.verdict == "unexplained" and simple.grade in ("mostly", "family")
-    assert simple.family is not None and simple.family.id == "joint_dissipation"
-    assert simple.explained_share > 0.6
+def test_friction_left_out_of_a_real_pendulum_is_identified_as_large_as_the_authors_report_it(simple):
+    """Two swing-ups do not tell the two laws of dry friction apart."""
+    (effect,) = simple.effects
+    assert simple.grade == "identified"
+    assert {effect.id, *effect.cannot_tell_from} == {"joint_friction", "joint_stribeck"}
+    if effect.id == "joint_friction":
+        assert effect.parameters["torque_Nm"].value == pytest.approx(0.184, abs=0.04)
+    removed = [1.0 - (figure.after / figure.before) ** 2 for figure in simple.held_out.values()]
+    assert min(removed) > 0.6
     assert not {"joint_friction", "joint_stribeck"} & {other.id for other in simple.not_seen}
 
 
@@ -97,8 +101,8 @@ def test_where_the_friction_is_believed_nothing_is_claimed_of_the_same_recording
 @pytest.mark.exam
 def test_a_real_weight_that_was_added_or_a_scale_that_does_the_same_is_what_it_behaves_like():
     found = diagnosed(read_pendulum_campaign(DATA / "simple-heavier"))
-    assert found.rivals[0].probability > 0.5
-    assert {"added_mass", "torque_scale"} & set(found.rivals[0].ids)
+    alike = [rival.probability for rival in found.rivals if {"added_mass", "torque_scale"} & set(rival.ids)]
+    assert sum(alike) > 0.95
 
 
 THREE_PUBLISHED_SETS_AGREE_TO = {

@@ -176,6 +176,8 @@ def _single_starts(projection: Projection, probes: Sequence[EffectProbe], base: 
 
 def _pair_starts(projection: Projection, probes: Sequence[EffectProbe], base: MapFit, config: SearchConfig) -> list[Start]:
     """The best grid points of the pairs of effects that could take away most of the misfit together."""
+    if len(probes) < 2:
+        return []
     gain = _joint_gains(projection, probes)
     best: dict[frozenset[EffectTerm], tuple[float, int, int]] = {}
     for i, j in combinations(range(len(probes)), 2):

@@ -1,0 +1,176 @@
+"""Commands given a folder of pendulum recordings: what they do with it, and one line where they cannot."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rfca_rig.campaign.pendulum import read_pendulum_campaign
+from rfca_rig.campaign.pendulum_model import with_model_file
+from rfca_rig.diagnosis.pendulum_fit import fit_pendulum
+from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import FOLDER_VARIABLE
+from rfca_rig.recording.identity import identity_of_tables
+from tests.cli.typed import typed
+from tests.own_devices.rigs import EXAMPLES
+
+DATA = Path(__file__).parents[1] / "data"
+FREE = DATA / "pendulums" / "free-swing"
+SIMPLE = DATA / "dfki-pendulum" / "simple"
+RUNS = ("released at 45 degrees", "released at 90 degrees", "released at 135 degrees")
+
+
+@pytest.fixture
+def say(monkeypatch, capsys, tmp_path):
+    """Types a command in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    return lambda *words: typed(monkeypatch, capsys, *words)
+
+
+def test_import_checks_and_copies_what_the_other_commands_read(say, tmp_path):
+    done = say("import", FREE)
+    assert done.exit_code == 0
+    copy = tmp_path / "runs" / "IMPORT-free-swing"
+    assert f"3 runs of a pendulum in {copy.relative_to(tmp_path)}" in done.err
+    for name in ("pendulum.toml", "LICENSE.txt", "runs/release-45.csv"):
+        assert (copy / name).read_bytes() == (FREE / name).read_bytes()
+    again = say("import", FREE)
+    assert again.exit_code == 2 and "is there already" in again.err
+
+
+def test_import_of_a_faulty_folder_writes_nothing(say, tmp_path):
+    shutil.copytree(FREE, tmp_path / "bad")
+    (tmp_path / "bad" / "runs" / "release-90.csv").write_text("time_s,angle_rad\n0,nan\n")
+    done = say("import", tmp_path / "bad")
+    assert done.exit_code == 2
+    assert "release-90.csv:2" in done.err and done.err.count("\n") == 1
+    assert not (tmp_path / "runs" / "IMPORT-bad").exists()
+
+
+def test_an_imported_pendulum_is_among_the_runs_with_what_its_diagnosis_said(say, tmp_path):
+    say("import", FREE)
+    title = read_pendulum_campaign(FREE).title
+    identity = identity_of_tables(title, tmp_path / "runs" / "IMPORT-free-swing")
+    said = {"recordings": [{"identity": identity}], "effects": [], "verdict": "unexplained", "grade": "family"}
+    (tmp_path / "diagnosis").mkdir()
+    (tmp_path / "diagnosis" / "diagnosis.json").write_text(json.dumps(said))
+    (run,) = json.loads(say("runs", "--json").out)["runs"]
+    assert (run["title"], run["kind"], run["source"], run["swings"]) == (title, "imported", "IMPORT", 3)
+    listed = say("runs").out
+    assert "3 pendulum runs" in listed and "diagnosis: family" in listed
+    (tmp_path / "runs" / "IMPORT-free-swing" / "runs" / "release-45.csv").write_text("time_s,angle_rad\n")
+    (tmp_path / "runs" / "IMPORT-free-swing" / "pendulum.toml").touch()
+    assert json.loads(say("runs", "--json").out)["runs"][0]["verdict"] is None
+
+
+def test_a_run_without_a_title_is_listed_as_damaged(say, tmp_path):
+    (tmp_path / "runs" / "x").mkdir(parents=True)
+    (tmp_path / "runs" / "x" / "pendulum.toml").write_text("format = 1\n")
+    (run,) = json.loads(say("runs", "--json").out)["runs"]
+    assert run["ended"] == "damaged"
+
+
+def test_fit_writes_a_model_file_that_report_takes(say, tmp_path):
+    fitted = say("fit", FREE, "--out", "model.toml", "--json")
+    assert fitted.exit_code == 0
+    found = json.loads(fitted.out)
+    shifts = {shift["name"]: shift for shift in found["shifts"]}
+    assert set(shifts) == {"link1.inertia_relative", "link1.zero_offset_rad"}
+    nominal = read_pendulum_campaign(FREE)
+    model = with_model_file(nominal, tmp_path / "model.toml")
+    factor = model.pendulum.links[0].inertia_kg_m2 / nominal.pendulum.links[0].inertia_kg_m2
+    assert factor == pytest.approx(1.0 + shifts["link1.inertia_relative"]["value"], abs=1e-6)
+    assert model.known_to["zero_offset_rad"] == pytest.approx(shifts["link1.zero_offset_rad"]["std"], rel=1e-4)
+
+    reported = say("report", FREE, "--model", "model.toml", "--json", "--out", "report")
+    assert reported.exit_code == 0
+    before, after = found["errors"], json.loads(reported.out)["errors"]
+    for one, other in zip(before, after, strict=True):
+        assert other["nominal"] == pytest.approx(one["fitted"], rel=0.1)
+        assert one["noise"] < one["fitted"] < one["held_out"]
+    assert sum(one["fitted"] for one in before) < 0.9 * sum(one["nominal"] for one in before)
+
+
+def test_report_shows_every_run_with_its_errors(say, tmp_path):
+    done = say("report", FREE)
+    assert done.exit_code == 0
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert all(run in page for run in RUNS)
+    assert "simulated, fitted values" in page and page.count("<svg") > 3
+    rows = (tmp_path / "report" / "pendulum-errors.csv").read_text().splitlines()
+    assert len(rows) == 1 + len(RUNS)
+    assert rows[0] == "run,signal,unit,noise,nominal,fitted,held_out"
+
+
+def test_only_the_parameters_that_are_named_are_fitted():
+    campaign = read_pendulum_campaign(SIMPLE)
+    found = fit_pendulum(campaign, lambda *_: None, ["link1.torque_delay_s"])
+    (shift,) = found.shifts
+    assert shift.name == "link1.torque_delay_s" and shift.prior_std == 0.004
+    link, nominal = found.pendulum.links[0], campaign.pendulum.links[0]
+    assert link.torque_delay_s == pytest.approx(shift.value) and link.mass_kg == nominal.mass_kg
+    assert {error.signal for error in found.errors} == {"angle1_rad", "speed1_rad_s"}
+    assert all(np.isfinite(overlay.after).all() and overlay.t_s[0] < overlay.t_s[-1] for overlay in found.overlays)
+
+
+def test_a_model_file_of_other_links_is_refused(say, tmp_path):
+    say("fit", SIMPLE, "--parameters", "link1.torque_offset_Nm", "--out", "one.toml")
+    with pytest.raises(BadInput, match=r"one\.toml: a model of 1 links, but .* has 2"):
+        with_model_file(read_pendulum_campaign(DATA / "dfki-pendulum" / "double"), tmp_path / "one.toml")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("fit", FREE, "--phases", "free"), "--phases: is an option for recordings of a leg"),
+        (("fit", FREE, "--parameters", "k0"), "'k0' is none of link1.inertia_relative, link1.zero_offset_rad"),
+        (("report", FREE, "--shaft", "recorded"), "--shaft: is an option for recordings of a leg"),
+        (("report", FREE, FREE), "is a campaign of a pendulum, whose model is its own; give it alone"),
+        (("diagnose", FREE, "--close-the-loop"), "--close-the-loop runs experiments on a leg's rig"),
+        (("diagnose", SIMPLE, FREE), "give it alone"),
+        (("report", FREE, "--model", FREE / "pendulum.toml"), "pendulum.toml:2: title: unknown key; known are format, link1"),
+        (("export", "csv", FREE, "--out", "csv"), "is a campaign of a pendulum, which this command does not take"),
+    ],
+)
+def test_what_makes_no_sense_for_a_pendulum_is_one_line(say, tmp_path, words, said):
+    done = say(*words)
+    assert done.exit_code == 2
+    assert said in done.err and done.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_to_fit_is_said(say, tmp_path):
+    shutil.copytree(FREE, tmp_path / "exact")
+    text = (FREE / "pendulum.toml").read_text()
+    (tmp_path / "exact" / "pendulum.toml").write_text(text.replace("inertia_relative = 0.08", "").replace("zero_offset_rad = 0.01", ""))
+    done = say("fit", tmp_path / "exact")
+    assert done.exit_code == 2 and "[known_to] lists no value that these runs depend on" in done.err
+
+
+ON_THE_GROUND = """
+from dataclasses import replace
+from rfca_rig.model.effect import Effect, Parameter
+
+def apply(setup, values):
+    return replace(setup, height_m=setup.height_m + values["by_m"])
+
+EFFECT = Effect("our_floor", "ground", "a floor", "h + d", "us", (Parameter("by_m", 0.0, 0.01),), apply)
+"""
+
+
+def test_an_effect_of_one_s_own_is_looked_for_or_said_to_have_no_place(say, tmp_path, monkeypatch):
+    folder = tmp_path / "effects"
+    folder.mkdir()
+    shutil.copy(EXAMPLES / "effects" / "our_effect.py", folder)
+    (folder / "our_floor.py").write_text(ON_THE_GROUND)
+    monkeypatch.setenv(FOLDER_VARIABLE, str(folder))
+    done = say("diagnose", FREE, "--json")
+    assert done.exit_code == 0
+    answer = json.loads(done.out)
+    assert "cubic_damping" in answer["settings"]["effects_tried"]
+    assert "our_floor" not in answer["settings"]["effects_tried"]
+    (remark,) = [text for text in answer["remarks"] if "our_floor" in text]
+    assert remark.startswith("not looked for: effect our_floor: acts on ground")
+    assert len(answer["recordings"]) == 1
