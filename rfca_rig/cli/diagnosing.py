@@ -134,7 +134,7 @@ def _pendulum(asked: Asked) -> "Diagnosis":
     """The diagnosis of a driven pendulum without ground; a model file of a leg does not fit it."""
     from rfca_rig.campaign.pendulum import read_pendulum_campaign
     from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.pendulum import diagnose_pendulum
+    from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
     from rfca_rig.diagnosis.result import Diagnosed
     from rfca_rig.recording.identity import identity_of_tables
     from rfca_rig.report.diagnosis_files import write_diagnosis

@@ -81,7 +81,7 @@ def _fit_pendulum(folder: Path, names: list[str], out: Path | None, as_json: boo
     from rfca_rig.campaign.pendulum import read_pendulum_campaign
     from rfca_rig.campaign.pendulum_model import write_pendulum_model
     from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.pendulum_fit import fit_pendulum, fitted_known_to
+    from rfca_rig.diagnosis.pendulums.fit import fit_pendulum, fitted_known_to
 
     campaign = read_pendulum_campaign(folder)
     with progress(quiet=as_json) as bars:

@@ -68,7 +68,7 @@ def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, 
     from rfca_rig.campaign.pendulum_model import with_model_file
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.pendulum_fit import fit_pendulum
+    from rfca_rig.diagnosis.pendulums.fit import fit_pendulum
     from rfca_rig.report.origin import imported, typed
     from rfca_rig.report.pendulum_page import JSON_FILE, PAGE, write_pendulum_report
 

@@ -1,6 +1,7 @@
 """Which physics a model lacks, with what probability and size, and which experiment would tell more.
 
-Entry points: `diagnose.diagnose` for a leg, `pendulum.diagnose_pendulum` for a driven chain. Both take these steps, one sub-package each:
+Entry points: `diagnose.diagnose` for a leg, `pendulums.diagnose.diagnose_pendulum` for a driven chain. Both take these steps, one
+sub-package each:
 
 1. `data`: recordings become vectors of observations, condition by condition, and a simulator predicts the same.
 2. `likelihood`: the covariance of noise, repeat scatter and model discrepancy; Laplace approximation; cross-validation.

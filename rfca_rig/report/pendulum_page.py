@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from rfca_rig.campaign.pendulum import PendulumCampaign
-from rfca_rig.diagnosis.pendulum_fit import PendulumFit
+from rfca_rig.diagnosis.pendulums.fit import PendulumFit
 from rfca_rig.report.diagnosis_pictures import pictures_of
 from rfca_rig.report.files import table_files, write_all
 from rfca_rig.report.named_units import words_and_unit

@@ -9,7 +9,7 @@ import pytest
 
 from rfca_rig.campaign.pendulum import read_pendulum_campaign
 from rfca_rig.campaign.pendulum_model import with_model_file
-from rfca_rig.diagnosis.pendulum_fit import fit_pendulum
+from rfca_rig.diagnosis.pendulums.fit import fit_pendulum
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import FOLDER_VARIABLE
 from rfca_rig.recording.identity import identity_of_tables

@@ -8,7 +8,7 @@ import pytest
 
 from rfca_rig.analysis.swings import swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign
-from rfca_rig.diagnosis.pendulum import diagnose_pendulum
+from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
 from rfca_rig.diagnosis.pendulums.nuisances import SupposedPendulum, never_below, space_of_pendulum
 from rfca_rig.diagnosis.pendulums.windows import stretches_of
 from rfca_rig.model.joint_drive import torque_trace

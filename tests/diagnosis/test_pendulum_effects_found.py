@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun
-from rfca_rig.diagnosis.pendulum import diagnose_pendulum
+from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
 from rfca_rig.model.pendulum import Pendulum, PendulumLink
 
 NOMINAL = Pendulum((PendulumLink(0.5, 0.6, 0.4, 0.11, 0.004),))

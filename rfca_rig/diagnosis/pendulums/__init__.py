@@ -1,4 +1,5 @@
-"""Pendulums as simulators of the diagnosis. Entry point: `windows.pendulum_dataset`.
+"""The diagnosis of driven chains without ground. Entry points: `diagnose.diagnose_pendulum` and `fit.fit_pendulum`.
 
-`windows` holds their conditions and predicts them; `nuisances` the parameters with priors.
+`windows` holds the conditions and predicts them, `nuisances` the parameters with priors, `candidates` the effects that may be missing,
+`result` puts the answer together.
 """

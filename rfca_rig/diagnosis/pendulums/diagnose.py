@@ -11,9 +11,9 @@ from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.pendulum_candidates import candidates_of, own_effects
-from rfca_rig.diagnosis.pendulum_result import build_result
+from rfca_rig.diagnosis.pendulums.candidates import candidates_of, own_effects
 from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum
+from rfca_rig.diagnosis.pendulums.result import build_result
 from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, pendulum_dataset, stretches_of
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.model.effect import Effect
