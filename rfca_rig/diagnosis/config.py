@@ -29,6 +29,8 @@ class SearchConfig:
         in log evidence each).
     worth_beside_a_good_fit
         The same beside an explanation that is adequate already: what a law that is off by some percent leaves.
+    worth_a_probe
+        Share of these that an effect must promise by its signature beside the nominal model, or it is not screened beside a parent.
     continued
         Fits that begin again from truncated strokes where nothing is adequate.
     """
@@ -46,6 +48,7 @@ class SearchConfig:
     converged: int = 2
     worth_a_fit: float = 6.0
     worth_beside_a_good_fit: float = 60.0
+    worth_a_probe: float = 0.3
     continued: int = 4
 
 

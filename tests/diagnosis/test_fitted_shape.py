@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from rfca_rig.description.model_file import read_model_file
-from rfca_rig.diagnosis.decision.decide import shape_of, values_of
+from rfca_rig.diagnosis.decision.comparison import compare
+from rfca_rig.diagnosis.decision.sizes import estimate_sizes
 from rfca_rig.diagnosis.fitted_model_file import _found
 from rfca_rig.diagnosis.result import NamedEffect, Value
 from rfca_rig.diagnosis.result_builder import present_effects
@@ -25,8 +26,9 @@ def found():
 
 def test_a_law_of_another_exponent_is_fitted_with_its_size_and_its_exponent(found):
     best = found.named[0]
-    assert set(values_of(best, 0)) == {"rise_relative", "speed_m_s"}
-    exponent = shape_of(best, 0)["exponent"]
+    sizes, shape = estimate_sizes(compare(found), best, 0)
+    assert set(sizes) == {"rise_relative", "speed_m_s"}
+    exponent = shape["exponent"]
     assert abs(exponent.value - 2.0) < 3.0 * exponent.std
     assert exponent.std < 0.5
     (fitted,) = present_effects(best)

@@ -53,6 +53,7 @@ FEATURES = (
     Feature("channel_scatter", 0.0, 0.6, -1),
     Feature("strain", 2.5, 4.0, -1),
     Feature("bound", 2.0, 4.0, -1),
+    Feature("nuisance_shift", 2.0, 5.0, 1),
     Feature("effects", 1.0, 3.0, -1),
 )
 
@@ -85,6 +86,7 @@ def support_values(support: Support) -> dict[str, float]:
         "channel_scatter": support.channel_scatter,
         "strain": support.strain,
         "bound": support.bound,
+        "nuisance_shift": support.nuisance_shift,
         "effects": float(support.effects),
     }
 

@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult, log_prior_of_set
+from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
+from rfca_rig.diagnosis.inference.map_fit import log_evidence_by_scale
 from rfca_rig.diagnosis.likelihood.covariance import AtError
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
-from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior, laplace_posteriors
+from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import IMPLAUSIBLE
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -43,8 +45,8 @@ class ScaledHypothesis:
         The covariance at the most probable scale.
     log_joint
         Log of prior times evidence, the scale integrated out.
-    held_out_rms
-        Rms of each held-out condition, all unknowns fitted to the others, in units of noise and usual model error, (conditions,).
+    result
+        The search that it comes from.
     """
 
     hypothesis: Hypothesis
@@ -52,7 +54,16 @@ class ScaledHypothesis:
     scale: float
     whitening: AtError
     log_joint: float
-    held_out_rms: Floats
+    result: ModelSelectionResult
+
+    @cached_property
+    def held_out_rms(self) -> Floats:
+        """Rms of each held-out condition, all unknowns fitted to the others, in units of noise and usual model error, (conditions,)."""
+        rows = self.result.evidence.rows
+        linear = self.hypothesis.fitted.linear(rows.measured)
+        residuals = loo_residuals(linear, self.whitening, rows.condition, range(int(rows.condition.max()) + 1))
+        square = residuals**2 / self.result.judge.usual.variance()
+        return np.asarray(np.sqrt(np.bincount(rows.condition, square) / np.bincount(rows.condition)))
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -81,9 +92,12 @@ class Support:
     condition_scatter, channel_scatter
         Relative standard deviation of the effect's size between conditions and between channels, beyond chance.
     strain
-        The largest distance of a nuisance parameter from its prior mean, in prior standard deviations.
+        The largest distance of a nuisance parameter from its prior mean, in prior standard deviations; 0 where the rival has a larger one.
     bound
         The largest distance of one of the effect's parameters from the middle of its prior, in prior standard deviations.
+    nuisance_shift
+        How far the nuisance parameter that does the same as the effect moves where the effect is missing, in prior standard deviations;
+        infinite where no nuisance parameter does the same.
     effects
         How many effects the best explanation has.
     """
@@ -98,6 +112,7 @@ class Support:
     channel_scatter: float
     strain: float
     bound: float
+    nuisance_shift: float
     effects: int
 
 
@@ -120,6 +135,10 @@ class Comparison:
         while best.ids and (simpler := self._as_good_without_one(best)) is not None:
             best = simpler
         return best
+
+    def scaled(self, hypothesis: Hypothesis) -> ScaledHypothesis:
+        """The hypothesis with this fit. Raises StopIteration where it is none of the search."""
+        return next(one for one in self.ranked if one.hypothesis.fitted is hypothesis.fitted)
 
     def without(self, ids: Collection[str]) -> ScaledHypothesis:
         """The most probable hypothesis that has none of these effects."""
@@ -159,19 +178,34 @@ class Comparison:
             explained_share=self.explained_share(best),
             condition_scatter=min(of_conditions for of_conditions, _ in scatter),
             channel_scatter=min(of_channels for _, of_channels in scatter),
-            strain=fitted.farthest,
+            strain=fitted.farthest if fitted.farthest > rival.hypothesis.fitted.farthest else 0.0,
             bound=min(float(np.abs(fitted.x[fitted.coordinates.part(number)]).max(initial=0.0)) for number in numbers),
+            nuisance_shift=max(self._nuisance_shift(number) for number in numbers),
             effects=len(best.ids),
         )
+
+    def _nuisance_shift(self, number: int) -> float:
+        """How far the nuisance parameter that does the same as one effect of the best explanation moves where that effect is missing."""
+        coordinates = self.best.hypothesis.fitted.coordinates
+        effect, names = coordinates.choices[number].effect, coordinates.space.names
+        if effect.same_as not in names:
+            return np.inf
+        others = set(self.best.ids) - {effect.id}
+        without = next((one for one in self.ranked if set(one.ids) == others), None) or self.without((effect.id,))
+        return float(abs(without.hypothesis.fitted.x[names.index(effect.same_as)]))
 
     def condition_scatter(self, number: int) -> float:
         """Relative standard deviation, between conditions, of the size of one effect of the best explanation."""
         return self._scatter(number, self.result.evidence.rows.condition)
 
     def _as_good_without_one(self, one: ScaledHypothesis) -> ScaledHypothesis | None:
-        """The most probable hypothesis with one effect fewer that predicts held-out conditions about as well."""
+        """The most probable hypothesis with one effect fewer that predicts held-out conditions about as well.
+
+        A set whose nuisance parameters had to leave what is plausible stands for no effect that relieves them.
+        """
         for simpler in self.ranked:
-            if len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids):
+            is_part = len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids)
+            if is_part and not one.hypothesis.fitted.farthest < IMPLAUSIBLE < simpler.hypothesis.fitted.farthest:
                 gain = np.median(np.log(simpler.held_out_rms / one.held_out_rms))
                 if gain < -0.5 * np.log1p(-WORTH_ADDING):
                     return simpler
@@ -211,49 +245,24 @@ class Comparison:
         return float(np.sqrt(max(np.average(apart**2 - std[informative] ** 2, weights=weight), 0.0)))
 
 
-def compare(result: ModelSelectionResult, candidates: int) -> Comparison:
-    """All hypotheses of a search with the discrepancy scale free.
-
-    Parameters
-    ----------
-    result
-        What the search left.
-    candidates
-        How many effects were looked for, which sets the prior of each.
-    """
-    whitenings = sorted({one.s: one for one in (*result.judge.named, *result.judge.unknown)}.values(), key=lambda one: one.s)
-    found = [_scaled(result, hypothesis, whitenings, candidates) for hypothesis in (result.nothing, *result.named)]
+def compare(result: ModelSelectionResult) -> Comparison:
+    """All hypotheses of a search with the discrepancy scale free."""
+    found = [_scaled(result, hypothesis) for hypothesis in (result.nothing, *result.named)]
     return Comparison(result, tuple(sorted(found, key=lambda one: -one.log_joint)))
 
 
-def _scaled(result: ModelSelectionResult, hypothesis: Hypothesis, whitenings: Sequence[AtError], candidates: int) -> ScaledHypothesis:
-    rows, fitted = result.evidence.rows, hypothesis.fitted
-    linear = fitted.linear(rows.measured)
-    logs = []
-    for whitening, posterior in zip(whitenings, laplace_posteriors(linear, whitenings), strict=True):
-        # What only the Jacobian promises and no step of the fit found does not count: a Jacobian across a kink promises much.
-        promised = _misfit(whitening, rows.measured - fitted.predicted - fitted.jacobian @ (posterior.mean - fitted.x), posterior.mean)
-        missing = _misfit(whitening, rows.measured - fitted.predicted, fitted.x) - promised
-        logs.append(posterior.log_evidence - max(missing, 0.0))
-    log_evidence, scales = np.array(logs), np.array([whitening.s for whitening in whitenings])
-    total = float(logsumexp(log_evidence))
-    probable = whitenings[int(np.argmax(log_evidence))]
-    residuals = loo_residuals(linear, probable, rows.condition, range(int(rows.condition.max()) + 1))
-    square = residuals**2 / result.judge.usual.variance()
+def _scaled(result: ModelSelectionResult, hypothesis: Hypothesis) -> ScaledHypothesis:
+    whitenings = result.judge.every_scale
+    log_evidence = log_evidence_by_scale(hypothesis.fitted, result.evidence.rows.measured, whitenings)
+    scales, total = np.array([whitening.s for whitening in whitenings]), float(logsumexp(log_evidence))
     return ScaledHypothesis(
         hypothesis=hypothesis,
         log_evidence=log_evidence,
         scale=float(np.exp(np.exp(log_evidence - total) @ np.log(scales))),
-        whitening=probable,
-        log_joint=total - float(np.log(len(whitenings))) + log_prior_of_set(len(hypothesis.ids), candidates),
-        held_out_rms=np.sqrt(np.bincount(rows.condition, square) / np.bincount(rows.condition)),
+        whitening=whitenings[int(np.argmax(log_evidence))],
+        log_joint=total - float(np.log(len(whitenings))) + hypothesis.log_prior,
+        result=result,
     )
-
-
-def _misfit(whitening: AtError, residual: Floats, x: Floats) -> float:
-    """Minus the log posterior density, but for a constant."""
-    white = whitening(residual)
-    return 0.5 * float(white @ white + x @ x)
 
 
 def _channels(signal: NDArray[np.str_]) -> Integers:

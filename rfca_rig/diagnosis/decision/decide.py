@@ -8,23 +8,16 @@ from scipy.special import expit, logsumexp
 
 from rfca_rig.diagnosis.decision.acceptance import AS_USUAL, ONE_VALUE, acceptance_tests, at_usual_error, describe_strain, left_out
 from rfca_rig.diagnosis.decision.comparison import Comparison, compare
-from rfca_rig.diagnosis.decision.detection_limits import size_parameter, without_effect
-from rfca_rig.diagnosis.decision.grade import Statement, Supported, state, support_of_best
+from rfca_rig.diagnosis.decision.grade import Statement, Supported, describe_effect, state, support_of_best
 from rfca_rig.diagnosis.inference.hypotheses import PRIOR_UNKNOWN, Hypothesis, ModelSelectionResult
-from rfca_rig.diagnosis.inference.parameterization import EffectTerm, std_of, value_of
 from rfca_rig.diagnosis.likelihood.cross_validation import MAX_LOO_RMS
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import GOOD_FIT
-from rfca_rig.diagnosis.result import Gate, Grade, NamedEffect, Rival, Value, Verdict
-from rfca_rig.model.effect import Effect, Parameter
+from rfca_rig.diagnosis.result import Gate, Grade, NamedEffect, Rival, Verdict
 from rfca_rig.model.families import related
-from rfca_rig.model.parameters import RigModel
 
 CLEARLY_NEEDED = 120.0  # log evidence that a second effect adds to one that fits well: less, and the first law may be a little off
 AS_GOOD = 3.0  # log evidence within which these data do not tell two effects apart
 SURE = 0.9
-# One standard deviation by which a real cause departs from its law in the catalogue, of its size and of what shapes it: found by
-# concealing effects in an engine whose laws are written otherwise, and to be checked there on other seeds
-LAWS_SIZE, LAWS_SHAPE = 0.03, 0.1
 LARGEST_CLASS = 5
 # Share of what it explains that the law of a right effect may leave: friction laws of real gears are right to 20 to 40 % of themselves, so
 # a second law of the same family that leaves less could be the true one.
@@ -62,7 +55,7 @@ class Decision:
     def suspects(self) -> frozenset[str]:
         """The effects that no detection limit may exclude: those of the explanation and, where its law is approximate, of its families."""
         if self.verdict != "unexplained":
-            return frozenset(self.accepted.ids)
+            return frozenset(self.accepted.ids).union(*(effect.cannot_tell_from for effect in self.effects))
         closest = (*self.explanation.ids, *(self.suspected.ids if self.suspected is not None else ()))
         return frozenset(closest) | related(closest)
 
@@ -82,8 +75,8 @@ def decide(found: ModelSelectionResult, candidates: int) -> Decision:
     candidates
         How many effects were looked for.
     """
-    decision = _decide_strictly(found, candidates)
-    comparison = compare(found, candidates)
+    comparison = compare(found)
+    decision = _decide_strictly(comparison, candidates)
     supported = support_of_best(comparison)
     statement = state(comparison, supported) if decision.verdict == "unexplained" else None
     return replace(decision, statement=statement, supported=supported, effects=_with_family_rivals(decision, comparison))
@@ -102,12 +95,13 @@ def _with_family_rivals(decision: Decision, comparison: Comparison) -> tuple[Nam
     return tuple(found)
 
 
-def _decide_strictly(found: ModelSelectionResult, candidates: int) -> Decision:
+def _decide_strictly(comparison: Comparison, candidates: int) -> Decision:
     """The verdict where a law must hold to the usual model error.
 
     Where the likeliest hypothesis fails a gate, the simpler ones inside it are asked: what is surely there keeps its name though a
     partner is refused.
     """
+    found = comparison.result
     rivals = _rivals(found)
     nothing = _probability(rivals, ())
     best = _simplest(found, candidates)
@@ -115,7 +109,7 @@ def _decide_strictly(found: ModelSelectionResult, candidates: int) -> Decision:
         gates = _gates_of_nothing(found)
         verdict: Verdict = "nothing missing" if all(gate.passed for gate in gates) else "unexplained"
         return Decision(verdict, found.nothing, (), gates, rivals, None, nothing)
-    attempts = [_attempt(found, h, candidates, rivals, nothing) for h in (best, *_inside(found, best))]
+    attempts = [_attempt(comparison, h, candidates, rivals, nothing) for h in (best, *_inside(found, best))]
     return next((attempt for attempt in attempts if attempt.verdict == "named"), attempts[0])
 
 
@@ -123,8 +117,9 @@ def _inside(found: ModelSelectionResult, best: Hypothesis) -> list[Hypothesis]:
     return [h for h in found.named if set(h.ids) < set(best.ids)]
 
 
-def _attempt(found: ModelSelectionResult, best: Hypothesis, candidates: int, rivals: tuple[Rival, ...], nothing: float) -> Decision:
+def _attempt(comparison: Comparison, best: Hypothesis, candidates: int, rivals: tuple[Rival, ...], nothing: float) -> Decision:
     """The verdict if this hypothesis is the one."""
+    found = comparison.result
     classes = [_class_of(found, best, number) for number in range(len(best.ids))]
     probability = _class_probability(rivals, best, classes)
     gates = (
@@ -133,7 +128,7 @@ def _attempt(found: ModelSelectionResult, best: Hypothesis, candidates: int, riv
         Gate("told apart", max(map(len, classes)) <= LARGEST_CLASS, f"as good are {max(map(len, classes))} others at most"),
     )
     if nothing <= 0.1 and all(gate.passed for gate in gates):
-        return Decision("named", best, _named(best, classes, probability, gates), gates, rivals, None, nothing)
+        return Decision("named", best, _named(comparison, best, classes, probability, gates), gates, rivals, None, nothing)
     unproven = nothing > 0.1 or not gates[0].passed
     adequate = _is_likelier(found, rivals) if unproven else _is_adequate(found)
     verdict: Verdict = "nothing missing" if adequate and not describe_strain(found.nothing) else "unexplained"
@@ -229,49 +224,9 @@ def _class_probability(rivals: Sequence[Rival], best: Hypothesis, classes: Seque
     return sum(r.probability for r in rivals if len(r.ids) >= len(best.ids) and all(set(r.ids) & names for names in allowed))
 
 
-def _named(best: Hypothesis, classes: Sequence[tuple[str, ...]], probability: float, gates: Sequence[Gate]) -> tuple[NamedEffect, ...]:
+def _named(
+    comparison: Comparison, best: Hypothesis, classes: Sequence[tuple[str, ...]], probability: float, gates: Sequence[Gate]
+) -> tuple[NamedEffect, ...]:
     varies = "; ".join(gate.found for gate in gates if gate.name.startswith(ONE_VALUE))
-    choices = best.fitted.coordinates.choices
-    return tuple(
-        NamedEffect(
-            id=choice.effect.id,
-            left_out=choice.effect.left_out,
-            probability=min(probability, 0.999),
-            parameters=values_of(best, number),
-            shape=shape_of(best, number),
-            cannot_tell_from=others,
-            wording=f"all gates passed; {varies}",
-        )
-        for number, (choice, others) in enumerate(zip(choices, classes, strict=True))
-    )
-
-
-def values_of(hypothesis: Hypothesis, number: int) -> dict[str, Value]:
-    """Values and standard deviations of one effect's parameters, with what the law itself leaves open."""
-    choice: EffectTerm = hypothesis.fitted.coordinates.choices[number]
-    rig = hypothesis.fitted.coordinates.space.centre.rig
-    found = {p.name: _value(choice.effect, p, rig, z, s) for p, z, s in _posterior_of(hypothesis, number) if p in choice.sizes}
-    return {name: Value(value, 0.0) for name, value in choice.whole} | found
-
-
-def shape_of(hypothesis: Hypothesis, number: int) -> dict[str, Value]:
-    """Values and standard deviations of the shape parameters of one effect's law."""
-    shape = hypothesis.fitted.coordinates.choices[number].effect.shape
-    return {p.name: Value(value_of(p, z), std_of(p, z, s)) for p, z, s in _posterior_of(hypothesis, number) if p in shape}
-
-
-def _posterior_of(hypothesis: Hypothesis, number: int) -> list[tuple[Parameter, float, float]]:
-    """The free parameters of one effect, each with mean and standard deviation of its coordinate."""
-    coordinates, posterior = hypothesis.fitted.coordinates, hypothesis.judgement.posterior
-    part = coordinates.part(number)
-    mean, std = posterior.mean[part].tolist(), np.sqrt(np.diag(posterior.covariance))[part].tolist()
-    return list(zip(coordinates.choices[number].free, mean, std, strict=True))
-
-
-def _value(effect: Effect, parameter: Parameter, rig: RigModel, z: float, std_z: float) -> Value:
-    value, std = value_of(parameter, z), std_of(parameter, z, std_z)
-    if effect.where == "drive":  # both gains of a loop are sizes
-        return Value(value, float(np.hypot(std, LAWS_SIZE * value)))
-    is_size = parameter == size_parameter(effect)
-    open_by = LAWS_SIZE * abs(value - without_effect(effect, rig)) if is_size else LAWS_SHAPE * abs(value)
-    return Value(value, float(np.hypot(std, open_by)))
+    words = f"all gates passed; {varies}"
+    return tuple(describe_effect(comparison, best, number, probability, others, words) for number, others in enumerate(classes))

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.decision.calibration import calibration_of, support_values
 from rfca_rig.diagnosis.decision.comparison import Comparison, ScaledHypothesis
+from rfca_rig.diagnosis.decision.sizes import estimate_sizes
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
-from rfca_rig.diagnosis.inference.parameterization import EffectTerm, std_of, value_of
-from rfca_rig.diagnosis.likelihood.cross_validation import loo_estimates
 from rfca_rig.diagnosis.likelihood.laplace import laplace_posterior
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalPosterior
-from rfca_rig.diagnosis.result import Grade, NamedEffect, StatedFamily, Value
+from rfca_rig.diagnosis.result import Grade, NamedEffect, StatedFamily
 from rfca_rig.model.families import families_of
 
 Floats = NDArray[np.float64]
@@ -71,7 +70,10 @@ def state(comparison: Comparison, supported: Sequence[Supported]) -> Statement |
     explanation = _explanation(comparison, sure)
     if explanation is not None and comparison.explained_share(explanation) >= DOMINANT:
         hypothesis = at_own_scale(comparison, explanation)
-        effects = tuple(stated_effect(comparison, hypothesis, number, probability[name]) for number, name in enumerate(explanation.ids))
+        effects = tuple(
+            describe_effect(comparison, hypothesis, number, probability[name], (), _words_of(comparison.law_error(explanation)))
+            for number, name in enumerate(explanation.ids)
+        )
         least = min(effect.probability for effect in effects)
         return Statement("mostly", hypothesis, effects, _best_family(comparison, supported), least, comparison.explained_share(explanation))
     family = _best_family(comparison, supported)
@@ -105,43 +107,22 @@ def at_own_scale(comparison: Comparison, one: ScaledHypothesis) -> Hypothesis:
     return replace(hypothesis, judgement=judgement)
 
 
-def stated_effect(comparison: Comparison, hypothesis: Hypothesis, number: int, probability: float) -> NamedEffect:
-    """One effect with values and intervals that carry the misfit.
+def _words_of(law_error: float) -> str:
+    return f"the law is approximate: it is off by about {100.0 * law_error:.0f} % of what it explains"
 
-    The standard deviation joins three parts: that of the posterior at the hypothesis' own discrepancy scale; the scatter between
-    conditions (delete-one jackknife, Quenouille 1956, which is robust to errors that a condition shares); and the error of the law, taken
-    as the held-out misfit that remains over the misfit that was removed.
-    """
-    term: EffectTerm = hypothesis.fitted.coordinates.choices[number]
-    part = hypothesis.fitted.coordinates.part(number)
-    posterior = hypothesis.judgement.posterior
-    std = np.hypot(np.sqrt(np.diag(posterior.covariance))[part], _jackknife_std(comparison, hypothesis)[part])
-    law = comparison.law_error(comparison.best)
-    values: dict[str, Value] = {name: Value(value, 0.0) for name, value in term.whole}
-    shape: dict[str, Value] = {}
-    for parameter, z, std_z in zip(term.free, posterior.mean[part].tolist(), std.tolist(), strict=True):
-        value = value_of(parameter, z)
-        found = Value(value, float(np.hypot(std_of(parameter, z, std_z), law * abs(value))))
-        if parameter in term.sizes:
-            values[parameter.name] = found
-        elif parameter in term.effect.shape:
-            shape[parameter.name] = found
+
+def describe_effect(
+    comparison: Comparison, hypothesis: Hypothesis, number: int, probability: float, others: tuple[str, ...], wording: str
+) -> NamedEffect:
+    """One effect of a hypothesis with its sizes; `others` are those that the data cannot tell it from."""
+    effect = hypothesis.fitted.coordinates.choices[number].effect
+    parameters, shape = estimate_sizes(comparison, hypothesis, number)
     return NamedEffect(
-        id=term.effect.id,
-        left_out=term.effect.left_out,
+        id=effect.id,
+        left_out=effect.left_out,
         probability=min(probability, 0.999),
-        parameters=values,
+        parameters=parameters,
         shape=shape,
-        cannot_tell_from=(),
-        wording=f"the law is approximate: it is off by about {100.0 * law:.0f} % of what it explains",
+        cannot_tell_from=others,
+        wording=wording,
     )
-
-
-def _jackknife_std(comparison: Comparison, hypothesis: Hypothesis) -> Floats:
-    """Standard deviation of all unknowns by leaving one condition out at a time, (p,)."""
-    rows = comparison.result.evidence.rows
-    count = int(rows.condition.max()) + 1
-    if count < 3:
-        return np.zeros(len(hypothesis.fitted.x))
-    means = loo_estimates(hypothesis.fitted.linear(rows.measured), hypothesis.judgement.whitening, rows.condition, range(count))
-    return np.asarray(np.sqrt((count - 1) * np.var(means, axis=0)))

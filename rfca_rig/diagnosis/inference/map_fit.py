@@ -4,7 +4,7 @@ A hypothesis far from the data is judged by a wide model error, which shrinks as
 explain would drive the nuisances to the ends of their priors.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from weakref import WeakKeyDictionary
 
@@ -154,10 +154,8 @@ class GaussNewton:
     def _judged(self, found: MapFit) -> MarginalPosterior:
         linear = found.linear(self.evidence.rows.measured)
         judgement = self.judge.evaluate(linear)
-        mean, whitening = judgement.posterior.mean, judgement.whitening
-        promised = self.misfit(mean, found.predicted + found.jacobian @ (mean - found.x), whitening)
-        missing = self.misfit(found.x, found.predicted, whitening) - promised
-        return replace(judgement, log_evidence=judgement.log_evidence - max(missing, 0.0))
+        missing = missing_promise(found, self.evidence.rows.measured, judgement.posterior.mean, judgement.whitening)
+        return replace(judgement, log_evidence=judgement.log_evidence - missing)
 
     def evaluate_unlisted(self, found: MapFit) -> MarginalPosterior:
         """How likely they are with something unlisted beside the hypothesis."""
@@ -174,22 +172,12 @@ class GaussNewton:
         return known
 
     def log_evidence_by_scale(self, found: MapFit) -> Floats:
-        """Log evidence at each discrepancy scale of the grid, (k,).
-
-        What only the Jacobian promises and no step of the fit found does not count: a Jacobian across a kink promises much.
-        """
-        measured, every = self.evidence.rows.measured, self.judge.every_scale
-        logs = []
-        for whitening, posterior in zip(every, laplace_posteriors(found.linear(measured), every), strict=True):
-            promised = self.misfit(posterior.mean, found.predicted + found.jacobian @ (posterior.mean - found.x), whitening)
-            missing = self.misfit(found.x, found.predicted, whitening) - promised
-            logs.append(posterior.log_evidence - max(missing, 0.0))
-        return np.array(logs)
+        """Log evidence at each discrepancy scale of the grid, (k,)."""
+        return log_evidence_by_scale(found, self.evidence.rows.measured, self.judge.every_scale)
 
     def misfit(self, x: Floats, predicted: Floats, whitening: Whitening) -> float:
         """Minus the log posterior density at x, but for a constant."""
-        rest = whitening(self.evidence.rows.measured - predicted)
-        return 0.5 * float(rest @ rest + x @ x)
+        return _misfit(self.evidence.rows.measured - predicted, x, whitening)
 
     def _learnt(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
         """Slopes that agree better with what the model said at x, each changed in proportion to how wrong it may be.
@@ -241,6 +229,27 @@ class GaussNewton:
         """The model's rows a step away from x, by the unknown that is moved."""
         places = [coordinates.supposed(np.where(np.arange(len(x)) == i, x + step, x)) for i, step in steps.items()]
         return dict(zip(steps, self.evidence.predicted_all(places), strict=True))
+
+
+def log_evidence_by_scale(found: MapFit, measured: Floats, whitenings: Sequence[AtError]) -> Floats:
+    """Log evidence of a fit under each of these covariances, (k,)."""
+    posteriors = laplace_posteriors(found.linear(measured), whitenings)
+    pairs = zip(whitenings, posteriors, strict=True)
+    return np.array([p.log_evidence - missing_promise(found, measured, p.mean, whitening) for whitening, p in pairs])
+
+
+def missing_promise(found: MapFit, measured: Floats, mean: Floats, whitening: Whitening) -> float:
+    """The log posterior density that only the Jacobian promises at `mean` (p,): a Jacobian across a kink promises much.
+
+    No step of the fit found it, so it does not count as evidence.
+    """
+    promised = _misfit(measured - found.predicted - found.jacobian @ (mean - found.x), mean, whitening)
+    return max(_misfit(measured - found.predicted, found.x, whitening) - promised, 0.0)
+
+
+def _misfit(residual: Floats, x: Floats, whitening: Whitening) -> float:
+    white = whitening(residual)
+    return 0.5 * float(white @ white + x @ x)
 
 
 def without_scatter(evidence: Dataset) -> GaussNewton:

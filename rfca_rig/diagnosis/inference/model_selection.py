@@ -116,11 +116,12 @@ def search_models(
     if not _is_adequate(state):
         starts = _pair_starts(projection, probes, state.nominal, config)
         state = _fit_best(state, starts, config.pairs_coarse, config.pairs_full)
-    state = _fit_best(state, _partner_starts(state, 1, terms, config), config.parents * config.partners, config.pairs_full)
+    starts = _partner_starts(state, 1, terms, probes, config)
+    state = _fit_best(state, starts, config.parents * config.partners, config.pairs_full)
     state = _converge(state, 2, config)
     if not _is_adequate(state):
         progress("three effects", 0.7)
-        state = _fit_best(state, _partner_starts(state, 2, terms, config), config.triples_coarse, config.triples_full)
+        state = _fit_best(state, _partner_starts(state, 2, terms, probes, config), config.triples_coarse, config.triples_full)
         progress("truncated conditions", 0.75)
         state = state.with_fits(continue_from_beginnings(state.descent, _ranked(state)[: config.continued]))
     progress("weighing", 0.85)
@@ -201,15 +202,19 @@ def _joint_gains(projection: Projection, probes: Sequence[EffectProbe]) -> Float
     return np.asarray(2.0 * (first * match[:, None] + second * match[None, :]) - quadratic)
 
 
-def _partner_starts(state: SearchState, size: int, terms: Terms, config: SearchConfig) -> list[Start]:
-    """One effect more beside the best sets of a size, screened by what it would do to a model that has these effects already."""
+def _partner_starts(state: SearchState, size: int, terms: Terms, probes: Sequence[EffectProbe], config: SearchConfig) -> list[Start]:
+    """One effect more beside the best sets of a size, screened by what it would do to a model that has these effects already.
+
+    Only effects are screened that promise something beside the parent with their signatures beside the nominal model, `probes`.
+    """
     found: list[Start] = []
     least = config.worth_beside_a_good_fit if _is_adequate(state) else config.worth_a_fit
     for parent in state.of_size(size)[: config.parents if size == 1 and least == config.worth_a_fit else 1]:
         here = _restrict(parent, state)
-        own = {term.effect.id for term in parent.coordinates.choices}
-        probes = probe_effects(state.coarse.evidence, here, [term for term in terms if term.effect.id not in own])
-        found += _single_starts(_projection(state.coarse, here), probes, here, 1, least)[: config.partners]
+        own, projection = {term.effect.id for term in parent.coordinates.choices}, _projection(state.descent, parent)
+        promising = {probe.choice for probe in probes if projection.gain(probe.signature)[0] > config.worth_a_probe * least}
+        beside = probe_effects(state.coarse.evidence, here, [term for term in terms if term in promising and term.effect.id not in own])
+        found += _single_starts(_projection(state.coarse, here), beside, here, 1, least)[: config.partners]
     return found
 
 

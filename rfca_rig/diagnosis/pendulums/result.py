@@ -36,7 +36,6 @@ def build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decisi
     supposed = accepted.fitted.coordinates.supposed(accepted.judgement.posterior.mean)
     effects_stated = decision.stated if is_stated else ()
     statement = decision.statement if enough else None
-    suspects = decision.suspects.union(*(effect.cannot_tell_from for effect in effects_stated))
     return Diagnosis(
         title=campaign.title,
         verdict=verdict,
@@ -46,7 +45,7 @@ def build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decisi
         effects=effects_stated,
         gates=decision.gates,
         rivals=decision.rivals[:12],
-        not_seen=_not_seen(found, explanation, suspects, effects),
+        not_seen=_not_seen(found, explanation, decision.suspects, effects),
         fit=before_and_after(found, explanation, SWINGS),
         held_out=_held_out(found, explanation),
         valley={},
