@@ -1,0 +1,135 @@
+"""What supports a statement: the best explanation, its rivals, scatter between conditions, strained values, and sizes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfca_rig.diagnosis.decision import grade
+from rfca_rig.diagnosis.decision.comparison import Comparison, compare
+from rfca_rig.diagnosis.decision.decide import decide
+from rfca_rig.diagnosis.decision.sizes import LAWS_SIZE, estimate_sizes
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import IMPLAUSIBLE
+from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, found_among, present, recorded
+
+CONDITIONS = [(205.0, 2.0), (215.0, 2.4), (230.0, 3.0), (210.0, 2.2), (222.0, 2.7)]
+GAIN = 1.2
+
+
+def compared(rigs, rivals, known_to=KNOWN_TO) -> Comparison:
+    """Each condition recorded on its own rig."""
+    strokes = [stroke for rig, condition in zip(rigs, CONDITIONS, strict=True) for stroke in recorded(rig, [condition], with_shaft=False)]
+    return compare(found_among(flaps_of(strokes), rivals, known_to))
+
+
+def with_effect(name, **values):
+    return replace(RIG, effects=(present(name, **values),))
+
+
+@pytest.fixture(scope="module")
+def gained():
+    return compared([with_effect("sensor_gain", factor=GAIN)] * 5, ["sensor_gain", "sensor_crosstalk"])
+
+
+@pytest.fixture(scope="module")
+def uneven():
+    """A gain that differs from condition to condition: no law of the catalogue."""
+    return compared(
+        [with_effect("sensor_gain", factor=factor) for factor in (1.2, 1.22, 1.18, 1.22, 1.18)], ["sensor_gain", "sensor_crosstalk"]
+    )
+
+
+def strained(one, x):
+    """The hypothesis with its first nuisance parameter so many prior deviations away, and all others at their prior means."""
+    fitted = one.hypothesis.fitted
+    rest = fitted.as_believed[1:]
+    return replace(one, hypothesis=replace(one.hypothesis, fitted=replace(fitted, x=np.concatenate([[x], rest]))))
+
+
+def test_a_law_that_holds_has_one_size_everywhere_and_leaves_noise(gained):
+    support = gained.support(("sensor_gain",))
+    assert gained.best.ids == ("sensor_gain",) and support.effects == 1
+    assert support.explained_share > 0.95 and support.held_out_ratio > 1.0
+    assert max(support.condition_scatter, support.channel_scatter) < 0.05
+    assert support.scale < 0.01 < gained.nothing.scale
+    assert gained.law_error(gained.best) < 0.2
+
+
+def test_a_law_that_does_not_hold_explains_less_and_leaves_misfit(uneven, gained):
+    assert uneven.best.ids == ("sensor_gain",)
+    assert uneven.support(("sensor_gain",)).explained_share < 0.8 < gained.support(("sensor_gain",)).explained_share
+    assert uneven.law_error(uneven.best) > 5.0 * gained.law_error(gained.best)
+
+
+def test_a_size_that_differs_between_conditions_scatters(gained):
+    """As if the effect were larger by 30 % in one half of the conditions, and smaller in the other."""
+    rows = gained.result.evidence.rows
+    share = np.array([0.3, -0.3, 0.3, -0.3, 0.0])[rows.condition]
+    other = replace(rows, measured=rows.measured + share * gained._signatures[0])
+    found = Comparison(replace(gained.result, evidence=replace(gained.result.evidence, rows=other)), gained.ranked)
+    assert 0.15 < found.condition_scatter(0) < 0.35
+    assert gained.condition_scatter(0) < 0.05
+
+
+def test_strain_counts_only_beyond_that_of_the_rival(gained):
+    def strain(of_best, of_rival):
+        ranked = [strained(one, of_best if one.ids == ("sensor_gain",) else of_rival) for one in gained.ranked]
+        return Comparison(gained.result, tuple(ranked)).support(("sensor_gain",)).strain
+
+    assert strain(9.0, 6.0) == 9.0
+    assert strain(6.0, 9.0) == 0.0
+
+
+def test_an_effect_that_relieves_an_implausible_value_is_not_dropped(gained):
+    """The simpler set predicts held-out conditions as well, but only with a value that nobody would believe."""
+    best = strained(gained.best, 1.0)
+    nothing = {x: _with_rms(strained(gained.nothing, x), best.held_out_rms) for x in (1.0, IMPLAUSIBLE + 0.5)}
+    dropped, kept = (Comparison(gained.result, (best, simpler)) for simpler in nothing.values())
+    assert dropped.best.ids == () and kept.best.ids == ("sensor_gain",)
+
+
+def _with_rms(one, rms):
+    """The hypothesis as if held-out conditions were predicted to this rms."""
+    one.__dict__["held_out_rms"] = rms
+    return one
+
+
+def test_how_far_the_nuisance_moves_that_does_the_same():
+    """Three times the damping, which is known to 20 %."""
+    damped = replace(RIG, leg=replace(RIG.leg, hinge_damping_Nm_s_per_rad=3.0 * RIG.leg.hinge_damping_Nm_s_per_rad))
+    found = compared([damped] * 5, ["hinge_viscous_damping"], KNOWN_TO | {"hinge_damping_relative": 0.2})
+    assert found.best.ids == ("hinge_viscous_damping",)
+    assert found.support(("hinge_viscous_damping",)).nuisance_shift > 2.0
+
+
+def test_a_gain_has_no_nuisance_that_does_the_same(gained):
+    assert gained.support(("sensor_gain",)).nuisance_shift == np.inf
+
+
+def test_a_size_counts_from_where_the_effect_does_nothing(gained):
+    """The law leaves 3 % of what a gain of 1.2 changes, not of 1.2."""
+    sizes, _ = estimate_sizes(gained, gained.best.hypothesis, 0)
+    factor = sizes["factor"]
+    assert abs(factor.value - GAIN) < 2.0 * factor.std
+    assert LAWS_SIZE * (GAIN - 1.0) * 0.9 < factor.std < LAWS_SIZE * GAIN
+
+
+def test_intervals_widen_with_what_the_law_leaves(uneven, gained):
+    narrow, wide = (estimate_sizes(one, one.best.hypothesis, 0)[0]["factor"].std for one in (gained, uneven))
+    assert wide > 3.0 * narrow
+    assert wide > 0.02  # the gains were 1.18 to 1.22
+
+
+def test_what_is_stated_needs_a_calibrated_probability(uneven, monkeypatch):
+    unexplained = decide(uneven.result, 2)
+    assert unexplained.verdict == "unexplained"
+    supported = grade.support_of_best(uneven)
+    sure, unsure = ([replace(one, probability=p) for one in supported] for p in (0.9, 0.5))
+    mostly = grade.state(uneven, sure)
+    assert mostly is not None and mostly.grade == "mostly"
+    assert [effect.id for effect in mostly.effects] == ["sensor_gain"] and mostly.probability == 0.9
+    family = grade.state(uneven, [replace(one, probability=0.9 if one.kind == "family" else 0.5) for one in supported])
+    assert family is not None and (family.grade, family.effects) == ("family", ())
+    assert grade.state(uneven, unsure) is None
+    monkeypatch.setattr(grade, "DOMINANT", 1.1)
+    assert grade.state(uneven, sure) is None
