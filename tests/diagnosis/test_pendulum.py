@@ -98,7 +98,7 @@ def test_where_the_friction_is_believed_nothing_is_claimed_of_the_same_recording
     assert (found.verdict, found.effects) == ("nothing missing", ())
 
 
-@pytest.mark.exam
+@pytest.mark.slow
 def test_a_real_weight_that_was_added_or_a_scale_that_does_the_same_is_what_it_behaves_like():
     found = diagnosed(read_pendulum_campaign(DATA / "simple-heavier"))
     alike = [rival.probability for rival in found.rivals if {"added_mass", "torque_scale"} & set(rival.ids)]
@@ -113,7 +113,7 @@ THREE_PUBLISHED_SETS_AGREE_TO = {
 }
 
 
-@pytest.mark.exam
+@pytest.mark.slow
 def test_friction_and_rotors_left_out_of_a_real_double_pendulum_are_named_where_the_believed_values_are_as_uncertain_as_they_are():
     campaign = replace(read_pendulum_campaign(DATA / "double"), known_to=THREE_PUBLISHED_SETS_AGREE_TO)
     found = diagnosed(campaign)
@@ -121,7 +121,7 @@ def test_friction_and_rotors_left_out_of_a_real_double_pendulum_are_named_where_
     assert {effect.id for effect in found.effects} in ({"joint_friction", "joint_inertia"}, {"joint_stribeck", "joint_inertia"})
 
 
-@pytest.mark.exam
+@pytest.mark.slow
 def test_friction_and_rotors_left_out_of_a_real_double_pendulum_are_what_it_behaves_like():
     found = diagnosed(read_pendulum_campaign(DATA / "double"))
     assert set(found.rivals[0].ids) in ({"joint_friction", "joint_inertia"}, {"joint_stribeck", "joint_inertia"})

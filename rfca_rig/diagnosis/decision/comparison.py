@@ -260,7 +260,7 @@ def _scaled(result: ModelSelectionResult, hypothesis: Hypothesis) -> ScaledHypot
         log_evidence=log_evidence,
         scale=float(np.exp(np.exp(log_evidence - total) @ np.log(scales))),
         whitening=whitenings[int(np.argmax(log_evidence))],
-        log_joint=total - float(np.log(len(whitenings))) + hypothesis.log_prior,
+        log_joint=total - float(np.log(len(whitenings))) + hypothesis.log_prior - hypothesis.log_beyond,
         result=result,
     )
 

@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 # One standard deviation by which a real cause departs from its law in the catalogue, of its size and of what shapes it: found by
 # concealing effects in an engine whose laws are written otherwise, and to be checked there on other seeds
 LAWS_SIZE, LAWS_SHAPE = 0.03, 0.1
-LAW_SHARE = 0.5  # of the remaining misfit over the removed one that counts as error of the size
+LAW_SHARE = 0.6  # of the remaining misfit over the removed one that counts as error of the size
 
 
 def estimate_sizes(comparison: Comparison, hypothesis: Hypothesis, number: int) -> tuple[dict[str, Value], dict[str, Value]]:

@@ -33,12 +33,16 @@ def log_prior_of_set(size: int, candidates: int) -> float:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One answer: the ids of its effects, none for nothing missing; where it fits best, how well, and log prior probability."""
+    """One answer: the ids of its effects, none for nothing missing; where it fits best, how well, and log prior probability.
+
+    `log_beyond` is what the evidence loses where a nuisance parameter had to leave what is plausible; it is taken off already.
+    """
 
     ids: tuple[str, ...]
     fitted: MapFit
     judgement: MarginalPosterior
     log_prior: float
+    log_beyond: float = 0.0
 
     @property
     def log_joint(self) -> float:
@@ -83,7 +87,7 @@ def _as_believable(hypothesis: Hypothesis, named: Sequence[Hypothesis]) -> Hypot
     """
     implausible = max((_log_beyond(hypothesis, wider) for wider in named), default=0.0)
     judgement = hypothesis.judgement
-    return replace(hypothesis, judgement=replace(judgement, log_evidence=judgement.log_evidence - implausible))
+    return replace(hypothesis, judgement=replace(judgement, log_evidence=judgement.log_evidence - implausible), log_beyond=implausible)
 
 
 def _log_beyond(hypothesis: Hypothesis, wider: Hypothesis) -> float:

@@ -19,10 +19,10 @@ from rfca_rig.diagnosis.data.dataset import THREADS, Dataset
 from rfca_rig.diagnosis.inference.continuation import continue_from_beginnings
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult, weigh_models
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit, without_scatter
-from rfca_rig.diagnosis.inference.nuisance_swap import swap_nuisance
-from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.inference.nuisance_swap import resized, swap_nuisance
+from rfca_rig.diagnosis.inference.parameterization import FARTHEST, EffectTerm, Parameterization
 from rfca_rig.diagnosis.inference.screening import EffectProbe, Projection, probe_effects, projection_of, terms_of
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import GOOD_FIT, IMPLAUSIBLE, make_marginal_likelihood
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import GOOD_FIT, IMPLAUSIBLE, STRAINED, make_marginal_likelihood
 from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter, estimate_scatter
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.effect import Effect
@@ -32,6 +32,7 @@ Progress = Callable[[str, float], None]
 Terms = tuple[EffectTerm, ...]
 
 RESCALED = 3.0  # a probe may be this much too small and still be a start: its shape decides
+LARGEST_SET = 3  # effects of one hypothesis
 NEAR = 100.0  # log evidence: more than convergence with fresh Jacobians brings (measured at an earlier stage: 20 to 60)
 
 
@@ -111,7 +112,7 @@ def search_models(
         config.singles_coarse,
         config.singles_full,
     )
-    state = _learn(_converge(state, 1, config), GOOD_FIT, config)
+    state = _learn(_fit_equivalents(_converge(state, 1, config), terms), GOOD_FIT, config)
     progress("pairs of effects", 0.5)
     if not _is_adequate(state):
         starts = _pair_starts(projection, probes, state.nominal, config)
@@ -125,7 +126,7 @@ def search_models(
         progress("truncated conditions", 0.75)
         state = state.with_fits(continue_from_beginnings(state.descent, _ranked(state)[: config.continued]))
     progress("weighing", 0.85)
-    state = _learn(_fit_nested(state), 2.0 * GOOD_FIT, config)
+    state = _learn(_fit_nested(_fit_equivalents(state, terms)), 2.0 * GOOD_FIT, config)
     for size in (1, 2, 3):
         state = _converge(state, size, config)
     return _result(_refit_nothing(state), coordinates, probes, effects)
@@ -286,15 +287,43 @@ def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchSta
     return SearchState(descent, scatter, coarse, rows, again[0], nothing, tuple(fits))
 
 
+def _fit_equivalents(state: SearchState, terms: Terms) -> SearchState:
+    """Fits in which an effect takes the place of a strained nuisance parameter that does the same; no linear screening can see it."""
+    found = []
+    for fit in dict.fromkeys((state.nothing, state.best)):
+        names, own = fit.coordinates.space.names, fit.coordinates.choices
+        for term in terms:
+            if term.effect.same_as not in names or term.effect.id in fit.ids or len(own) == LARGEST_SET:
+                continue
+            place = names.index(term.effect.same_as)
+            if abs(fit.x[place]) > STRAINED:
+                x = np.concatenate([fit.x, np.zeros(len(term.free))])
+                wider = state.descent.at(fit.coordinates.with_terms((*own, term)), x, fit.jacobian)
+                begun = None if wider is None else resized(state.descent, wider, np.arange(fit.coordinates.nuisances) == place)
+                found += [] if begun is None else [state.descent.converge(state.descent.refine(begun))]
+    return state.with_fits(found)
+
+
 def _fit_nested(state: SearchState) -> SearchState:
-    """The parts of the best set fitted again from where it stands: a set must not win because its parts were fitted badly."""
+    """The parts of the best set fitted again from where it stands: a set must not win because its parts were fitted badly.
+
+    They also begin with what the missing effect did handed to the nuisance parameter that does the same.
+    """
     best, found = state.best, []
     coordinates = best.coordinates
     if len(coordinates.choices) > 1:
-        for number in range(len(coordinates.choices)):
-            terms = tuple(term for i, term in enumerate(coordinates.choices) if i != number)
+        for number, term in enumerate(coordinates.choices):
+            terms = tuple(other for i, other in enumerate(coordinates.choices) if i != number)
             x = np.delete(best.x, np.arange(coordinates.size)[coordinates.part(number)])
             found.append(_fit(state.descent, state, Start(terms, x), 5))
+            predicted = state.descent.evidence.predicted(coordinates.with_terms(terms).supposed(x))
+            if term.effect.same_as in coordinates.space.names and predicted is not None:
+                place = coordinates.space.names.index(term.effect.same_as)
+                along = best.jacobian[:, place] / state.descent.evidence.rows.noise
+                change = (best.predicted - predicted) / state.descent.evidence.rows.noise
+                share = float(along @ change) / max(float(along @ along), 1e-300)
+                x[place] = np.clip(x[place] + share, -FARTHEST, FARTHEST)
+                found.append(_fit(state.descent, state, Start(terms, x), 5))
     return state.with_fits(fit for fit in found if fit is not None)
 
 
