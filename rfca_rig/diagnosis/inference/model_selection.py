@@ -46,7 +46,10 @@ class Start:
 
 @dataclass(frozen=True)
 class SearchState:
-    """What is known so far: the optimiser on all conditions and on the subset, the nominal model, and the fits by size of the set."""
+    """What is known so far: the optimiser on all conditions and on the subset, the nominal model, and the fits by size of the set.
+
+    `converged` are the fits that need no fresh Jacobian any more.
+    """
 
     descent: GaussNewton
     scatter: Scatter
@@ -55,6 +58,7 @@ class SearchState:
     nominal: MapFit
     nothing: MapFit
     fits: tuple[MapFit, ...] = ()
+    converged: frozenset[MapFit] = frozenset()
 
     @property
     def best(self) -> MapFit:
@@ -255,7 +259,9 @@ def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchStat
     least = max((state.descent.free_log_evidence(fit) for fit in state.fits), default=0.0) - NEAR
     near = [fit for fit in best if fit is best[0] or state.descent.free_log_evidence(fit) > least]
     with ThreadPoolExecutor(THREADS) as pool:
-        return state.with_fits(pool.map(lambda fit: swap_nuisance(state.descent, state.descent.converge(fit)), near))
+        fits = [fit for fit in near if fit not in state.converged]
+        found = list(pool.map(lambda fit: swap_nuisance(state.descent, state.descent.converge(fit)), fits))
+    return replace(state.with_fits(found), converged=state.converged.union(found))
 
 
 def _is_adequate(state: SearchState) -> bool:
