@@ -152,10 +152,9 @@ def _candidates(body: PreparedData) -> list[Effect]:
 
 
 def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence[Effect], progress: Progress) -> ModelSelectionResult:
-    """The same search for the shaft's own motion, the leg as the best hypothesis has it.
+    """The same search for the shaft's own motion, the leg as the best hypothesis has it; both ways in which a soft drive may start.
 
-    A soft drive may start sagging or not; the second is tried where the first leaves something. No hypothesis for the leg is taken that
-    has a soft drive already, beside which the model has no place for another.
+    No hypothesis for the leg is taken that has a soft drive already, beside which the model has no place for another.
     """
     stiff = [h for h in leg.named if all(choice.effect.where != "drive" for choice in h.fitted.coordinates.choices)]
     best = max((leg.nothing, *stiff), key=lambda hypothesis: hypothesis.log_joint)
@@ -170,6 +169,4 @@ def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence
                 evidence, Parameterization(space), effects, lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share)
             )
         )
-        if any(h.judgement.fits_well(h.fitted.coordinates.nuisances) for h in found[0].named):
-            break
     return max(found, key=lambda one: max((h.log_joint for h in one.named), default=-np.inf))

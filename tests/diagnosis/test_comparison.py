@@ -1,6 +1,7 @@
 """What supports a statement: the best explanation, its rivals, scatter between conditions, strained values, and sizes."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -133,3 +134,11 @@ def test_what_is_stated_needs_a_calibrated_probability(uneven, monkeypatch):
     assert grade.state(uneven, unsure) is None
     monkeypatch.setattr(grade, "DOMINANT", 1.1)
     assert grade.state(uneven, sure) is None
+
+
+@pytest.mark.parametrize(("of_memory", "expected"), [(0.85, "hinge_dissipation"), (0.9, "spring_memory")])
+def test_of_two_families_that_are_as_probable_the_larger_is_stated(of_memory, expected):
+    """Every effect that gives the spring a memory dissipates, too."""
+    comparison = SimpleNamespace(best=SimpleNamespace(ids=("spring_relaxation",)))
+    supported = [grade.Supported("family", name, p, {}) for name, p in (("hinge_dissipation", 0.85), ("spring_memory", of_memory))]
+    assert grade._best_family(comparison, supported).id == expected

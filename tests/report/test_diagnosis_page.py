@@ -260,7 +260,7 @@ def test_every_verdict_makes_a_whole_page_that_fetches_nothing(verdict):
     assert all(link.startswith("#") and link[1:] in outline.ids for link in outline.fetched)
     assert len(outline.ids) == len(set(outline.ids)), "two pictures must not share a clip path"
     assert not re.search(r"https?:|url\((?!#)|@import", text)
-    assert verdict in outline.text and ALL[verdict].sentence.split(" ")[-1] in outline.text
+    assert ALL[verdict].grade in outline.text and ALL[verdict].sentence.split(" ")[-1] in outline.text
 
 
 @pytest.mark.parametrize(

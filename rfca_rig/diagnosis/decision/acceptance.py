@@ -195,13 +195,16 @@ def _floor(found: ModelSelectionResult) -> Floats:
 
 
 def _plausible(best: Hypothesis) -> Gate:
-    """No parameter on a bound of what is plausible, and no nuisance far from where it is believed."""
+    """No size on a bound of what is plausible, and no nuisance far from where it is believed.
+
+    A shape parameter of a law may be: pins that slip at once have none of the presliding that the law allows for.
+    """
     coordinates, mean = best.fitted.coordinates, best.judgement.posterior.mean
     strained = [
         f"{choice.effect.id} {parameter.name}"
         for number, choice in enumerate(coordinates.choices)
         for parameter, z in zip(choice.free, mean[coordinates.part(number)], strict=True)
-        if abs(z) > AT_A_BOUND
+        if parameter in choice.sizes and abs(z) > AT_A_BOUND
     ]
     off = describe_strain(best)
     problems = strained + ([off] if off else [])

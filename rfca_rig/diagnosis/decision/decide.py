@@ -79,17 +79,22 @@ def decide(found: ModelSelectionResult, candidates: int) -> Decision:
     decision = _decide_strictly(comparison, candidates)
     supported = support_of_best(comparison)
     statement = state(comparison, supported) if decision.verdict == "unexplained" else None
-    return replace(decision, statement=statement, supported=supported, effects=_with_family_rivals(decision, comparison))
+    if statement is not None:
+        statement = replace(statement, effects=_with_family_rivals(statement.effects, comparison))
+    return replace(decision, statement=statement, supported=supported, effects=_with_family_rivals(decision.effects, comparison))
 
 
-def _with_family_rivals(decision: Decision, comparison: Comparison) -> tuple[NamedEffect, ...]:
-    """The identified effects; laws of the same family that are wrong by no more than laws usually are cannot be told from them."""
-    others = {effect.id for effect in decision.effects}
+def _with_family_rivals(effects: Sequence[NamedEffect], comparison: Comparison) -> tuple[NamedEffect, ...]:
+    """The stated effects; they cannot be told from laws of the same family that are wrong by no more than laws usually are, or than they
+    are themselves.
+    """
+    others = {effect.id for effect in effects}
+    own = next((comparison.law_error(one) for one in comparison.ranked if set(one.ids) == others), LAW_ERROR)
     found = []
-    for effect in decision.effects:
+    for effect in effects:
         kept = others - {effect.id}
         swapped = [one for one in comparison.ranked if len(one.ids) == len(others) and kept <= set(one.ids)]
-        rivals = {name for one in swapped if comparison.law_error(one) < LAW_ERROR for name in set(one.ids) - others}
+        rivals = {name for one in swapped if comparison.law_error(one) <= max(LAW_ERROR, own) for name in set(one.ids) - others}
         alike = sorted((rivals & related((effect.id,))) | set(effect.cannot_tell_from))
         found.append(replace(effect, cannot_tell_from=tuple(alike)))
     return tuple(found)

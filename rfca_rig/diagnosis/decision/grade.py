@@ -89,9 +89,9 @@ def _explanation(comparison: Comparison, sure: Sequence[str]) -> ScaledHypothesi
 
 
 def _best_family(comparison: Comparison, supported: Sequence[Supported]) -> StatedFamily | None:
-    """The most probable family of the best explanation's effects; the smaller one of two that are as probable."""
+    """The most probable family of the best explanation's effects; the larger one of two that are as probable, which says less."""
     known = {family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)}
-    ranked = [(one.probability, -len(known[one.id].members), one.id) for one in supported if one.kind == "family"]
+    ranked = [(one.probability, len(known[one.id].members), one.id) for one in supported if one.kind == "family"]
     if not ranked:
         return None
     probability, _, name = max(ranked)
