@@ -294,12 +294,19 @@ def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchSta
 
 
 def _fit_equivalents(state: SearchState, terms: Terms) -> SearchState:
-    """Fits in which an effect takes the place of a strained nuisance parameter that does the same; no linear screening can see it."""
+    """Fits in which an effect takes the place of a strained nuisance parameter that does the same; no linear screening can see it.
+
+    None where such a fit is known that is better than the one without the effect.
+    """
     found = []
     for fit in dict.fromkeys((state.nothing, state.best)):
         names, own = fit.coordinates.space.names, fit.coordinates.choices
+        better = {
+            frozenset(other.ids) for other in state.fits if state.descent.free_log_evidence(other) > state.descent.free_log_evidence(fit)
+        }
         for term in terms:
-            if term.effect.same_as not in names or term.effect.id in fit.ids or len(own) == LARGEST_SET:
+            is_known = frozenset((*fit.ids, term.effect.id)) in better
+            if term.effect.same_as not in names or term.effect.id in fit.ids or is_known or len(own) == LARGEST_SET:
                 continue
             place = names.index(term.effect.same_as)
             if abs(fit.x[place]) > STRAINED:
