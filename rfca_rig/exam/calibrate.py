@@ -101,7 +101,7 @@ def cross_validate(labelled: Labelled) -> Floats:
     cases = np.unique(labelled.case)
     fold_of = dict(zip(cases.tolist(), np.arange(len(cases)) % FOLDS, strict=True))
     fold = np.array([fold_of[case] for case in labelled.case.tolist()])
-    found = np.empty(len(fold))
+    found = np.full(len(fold), 0.5)
     for number in range(FOLDS):
         out = fold == number
         if out.any() and not out.all():
@@ -116,9 +116,14 @@ def calibration_error(probability: Floats, true: NDArray[np.bool_]) -> float:
     return float(sum(abs(probability[bins == b].sum() - true[bins == b].sum()) for b in range(BINS)) / len(true))
 
 
+def _describe(folder: Path) -> str:
+    diagnosed = len(list((folder / DIAGNOSES).glob("*/diagnosis.json")))
+    return f"{read_plan(folder).words}, {diagnosed} of them diagnosed"
+
+
 def calibrate(folders: Sequence[Path]) -> dict[str, Any]:
     """The content of calibration.json from finished benchmarks."""
-    content: dict[str, Any] = {"format": FORMAT, "benchmarks": [read_plan(folder).words for folder in folders]}
+    content: dict[str, Any] = {"format": FORMAT, "benchmarks": [_describe(folder) for folder in folders]}
     for kind in ("effect", "family"):
         labelled = read_labelled(folders, kind)
         intercept, weights = fit_weights(labelled)

@@ -91,7 +91,7 @@ def test_the_command_writes_what_the_package_reads(tmp_path, monkeypatch, capsys
     assert main() == 0 and "calibration_error" in capsys.readouterr().out
     content = json.loads(out.read_text())
     assert set(content["effect"]["weights"]) == {feature.name for feature in FEATURES}
-    assert content["benchmarks"] == ["seed 1, 1 cases of the kind 'one effect'"]
+    assert content["benchmarks"] == ["seed 1, 1 cases of the kind 'one effect', 1 of them diagnosed"]
 
 
 def test_the_shipped_calibration_prefers_laws_that_hold():
