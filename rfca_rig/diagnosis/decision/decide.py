@@ -233,5 +233,5 @@ def _named(
     comparison: Comparison, best: Hypothesis, classes: Sequence[tuple[str, ...]], probability: float, gates: Sequence[Gate]
 ) -> tuple[NamedEffect, ...]:
     varies = "; ".join(gate.found for gate in gates if gate.name.startswith(ONE_VALUE))
-    words = f"all gates passed; {varies}"
+    words = f"all acceptance tests passed; {varies}"
     return tuple(describe_effect(comparison, best, number, probability, others, words) for number, others in enumerate(classes))
