@@ -20,17 +20,17 @@ from scipy.special import expit, log_expit
 
 from rfca_rig.diagnosis.decision.calibration import FEATURES, FORMAT, features_in
 from rfca_rig.errors import BadInput, RigError
+from rfca_rig.exam.claims import calibration_error
 from rfca_rig.exam.examine import DIAGNOSES
 from rfca_rig.exam.plan import read_plan
 from rfca_rig.exam.sealing import open_all
-from rfca_rig.model.families import FAMILIES
+from rfca_rig.model.families import members_of
 from rfca_rig.recording.atomic import write_atomically
 
 Floats = NDArray[np.float64]
 
 RIDGE = 1.0  # prior standard deviation of a weight is 1 per standard deviation of its feature
 FOLDS = 10
-BINS = 10
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,7 @@ def _is_true(kind: str, name: str, truth: Mapping[str, Any]) -> bool:
     right = {*truth["effects"], *truth["also_right"]}
     if kind == "effect":
         return name in right
-    members = next((family.members for family in FAMILIES if family.id == name), frozenset((name,)))
-    return bool(right & members)
+    return bool(right & members_of(name))
 
 
 def fit_weights(labelled: Labelled) -> tuple[float, Floats]:
@@ -108,12 +107,6 @@ def cross_validate(labelled: Labelled) -> Floats:
             intercept, weights = fit_weights(Labelled(labelled.features[~out], labelled.true[~out], labelled.case[~out]))
             found[out] = expit(intercept + labelled.features[out] @ weights)
     return found
-
-
-def calibration_error(probability: Floats, true: NDArray[np.bool_]) -> float:
-    """Expected calibration error over BINS equal bins of the probability (Naeini et al., AAAI 2015)."""
-    bins = np.minimum((probability * BINS).astype(int), BINS - 1)
-    return float(sum(abs(probability[bins == b].sum() - true[bins == b].sum()) for b in range(BINS)) / len(true))
 
 
 def _describe(folder: Path) -> str:

@@ -80,6 +80,12 @@ def _bins(p: Array, hit: Array) -> tuple[tuple[int, float, float], ...]:
     return tuple((int(i.sum()), float(p[i].mean()), float(hit[i].mean())) if i.any() else (0, np.nan, np.nan) for i in inside)
 
 
+def calibration_error(probability: Array, true: Array, least: float = 0.0, bins: int = BINS) -> float:
+    """Expected calibration error over equal bins of the probability from `least` to 1 (Naeini et al., AAAI 2015)."""
+    place = np.minimum(((probability - least) / (1.0 - least) * bins).astype(int), bins - 1)
+    return float(sum(abs(probability[place == b].sum() - true[place == b].sum()) for b in range(bins)) / len(true))
+
+
 def values(judged: Judged) -> Values:
     """Errors of the parameters of effects named by their own id, where the catalogue's law is the true one."""
     found = [each for truth, said in judged if not truth.lawless for claim in said.named for each in parameter_errors(truth, claim)]

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.exam import cases
-from rfca_rig.exam.claims import Judged, parameter_errors
+from rfca_rig.exam.claims import Judged, calibration_error, parameter_errors
 from rfca_rig.exam.outcome import Truth
 from rfca_rig.exam.said import Said
-from rfca_rig.model.families import FAMILIES, families_of
+from rfca_rig.model.families import families_of, members_of
 
 SURE = 0.8  # stated probability from which a wrong statement counts
 LEAST = 0.3  # probabilities below are of no statement; their calibration is not asked for
@@ -82,7 +82,7 @@ def score_statements(judged: Judged) -> StatementScores:
         family_sizes=_covered(approximate),
         triples=(sum(_states_two(*pair) for pair in triples), len(triples)),
         place=(sum(placed), len(placed)),
-        calibration_error=_calibration_error(probability, true),
+        calibration_error=calibration_error(np.array(probability), np.array(true), LEAST, BINS) if true else float("nan"),
         probabilities=len(probability),
     )
 
@@ -101,9 +101,8 @@ def _family_alone(said: Said) -> bool:
 
 
 def _is_true_family(truth: Truth, family: str) -> bool:
-    members = next((each.members for each in FAMILIES if each.id == family), frozenset((family,)))
     of_strangers = {STRANGERS[name][0] for name in truth.strangers if name in STRANGERS}
-    return bool(members & (truth.effects.keys() | truth.accepted)) or family in of_strangers
+    return bool(members_of(family) & (truth.effects.keys() | truth.accepted)) or family in of_strangers
 
 
 def _has_right_family(truth: Truth, said: Said) -> bool:
@@ -136,12 +135,3 @@ def _probabilities(judged: Judged) -> tuple[list[float], list[bool]]:
                 right = name in truth.effects.keys() | truth.accepted if kind == "effect" else _is_true_family(truth, name)
                 found.append((probability, right))
     return [probability for probability, _ in found], [right for _, right in found]
-
-
-def _calibration_error(probability: list[float], true: list[bool]) -> float:
-    """Expected calibration error over BINS equal bins from LEAST to 1 (Naeini et al., AAAI 2015)."""
-    if not probability:
-        return float("nan")
-    p, hit = np.array(probability), np.array(true)
-    place = np.minimum(((p - LEAST) / (1.0 - LEAST) * BINS).astype(int), BINS - 1)
-    return float(sum(abs(p[place == b].sum() - hit[place == b].sum()) for b in range(BINS)) / len(p))

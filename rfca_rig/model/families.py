@@ -85,6 +85,11 @@ def families_of(effect_id: str) -> tuple[Family, ...]:
     return found or (Family(effect_id, effect_id.replace("_", " "), "", frozenset((effect_id,))),)
 
 
+def members_of(family_id: str) -> frozenset[str]:
+    """The effects of a family; a lab's own effect is the only one of its own."""
+    return next((family.members for family in FAMILIES if family.id == family_id), frozenset((family_id,)))
+
+
 def related(ids: Iterable[str]) -> frozenset[str]:
     """All members of the families of these effects, themselves among them."""
     return frozenset().union(*(family.members for effect in ids for family in families_of(effect)))

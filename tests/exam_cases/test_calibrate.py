@@ -8,7 +8,8 @@ import pytest
 from rfca_rig.diagnosis.decision import calibration
 from rfca_rig.diagnosis.decision.calibration import FEATURES, calibration_of, features_in
 from rfca_rig.errors import BadInput
-from rfca_rig.exam.calibrate import Labelled, calibration_error, cross_validate, fit_weights, main, read_labelled
+from rfca_rig.exam.calibrate import Labelled, cross_validate, fit_weights, main, read_labelled
+from rfca_rig.exam.claims import calibration_error
 from rfca_rig.exam.examine import DIAGNOSES
 from rfca_rig.exam.plan import Plan, begin
 from rfca_rig.exam.sealing import seal_all

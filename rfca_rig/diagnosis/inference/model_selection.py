@@ -329,8 +329,10 @@ def _fit_nested(state: SearchState) -> SearchState:
             terms = tuple(other for i, other in enumerate(coordinates.choices) if i != number)
             x = np.delete(best.x, np.arange(coordinates.size)[coordinates.part(number)])
             found.append(_fit(state.descent, state, Start(terms, x), 5))
+            if term.effect.same_as not in coordinates.space.names:
+                continue
             predicted = state.descent.evidence.predicted(coordinates.with_terms(terms).supposed(x))
-            if term.effect.same_as in coordinates.space.names and predicted is not None:
+            if predicted is not None:
                 place = coordinates.space.names.index(term.effect.same_as)
                 along = best.jacobian[:, place] / state.descent.evidence.rows.noise
                 change = (best.predicted - predicted) / state.descent.evidence.rows.noise
