@@ -11,7 +11,8 @@ from rfca_rig.analysis.repeats import Condition
 from rfca_rig.diagnosis.data.observations import Observations, rms
 from rfca_rig.diagnosis.leg.strokes import BOUNDED, dynamic_label
 from rfca_rig.model.motion import ramp_to_speed
-from rfca_rig.model.stroke import stroke_following
+from rfca_rig.model.setup import set_up
+from rfca_rig.model.stroke import stroke_of
 
 Floats = NDArray[np.float64]
 
@@ -46,9 +47,13 @@ class ShaftCondition:
         """
         motion = ramp_to_speed(self.start_rad, self.speed_rad_s, supposed.rig.drive.ramp_s, float(self.t_s[-1]))
         then_s = self.t_s - supposed.command_delay_s
-        stroke = stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, motion, then_s, BOUNDED)
-        stood_rad = float(stroke.shaft_angle_rad[self.t_s <= max(0.0, float(self.t_s[0]))].mean())
-        return self._binned(stroke.shaft_angle_rad - stood_rad - motion.angle_rad(self.t_s) + self.start_rad)
+        setup = set_up(supposed.rig, self.height_m + supposed.height_offset_m, motion)
+        if setup.drive is None:  # the leg does not act back on this shaft
+            angle_rad = setup.motion.angle_rad(np.maximum(then_s, 0.0))
+        else:
+            angle_rad = stroke_of(setup, then_s, BOUNDED).shaft_angle_rad
+        stood_rad = float(angle_rad[self.t_s <= max(0.0, float(self.t_s[0]))].mean())
+        return self._binned(angle_rad - stood_rad - motion.angle_rad(self.t_s) + self.start_rad)
 
     @property
     def away_rad(self) -> Floats:

@@ -11,7 +11,8 @@ from rfca_rig.model.setup import Setup, with_law
 
 AS_THE_GROUND = 1.5
 REFERENCE_M = 1e-3  # depth at which the soft floor pushes as stated, whatever its exponent
-ROUNDS = 8  # Newton's, in logarithms: to rounding for exponents from 0.5 to 3
+ROUNDS = 8  # Newton's at most, in logarithms: to rounding for exponents from 0.5 to 3
+CONVERGED = 1e-7  # of log N: the next step of Newton's, its square, is below rounding
 
 
 def force(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
@@ -24,12 +25,17 @@ def force(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[float
     if grow <= 0.0 or depth <= 0.0:
         return 0.0, 0.0, 0.0
     plain = both * depth**1.5
-    N, N_depth = plain, 0.0
+    log_N, softness = np.log(plain), depth
     for _ in range(ROUNDS):
-        first, second = (N / hard) ** (2.0 / 3.0), REFERENCE_M * (N / soft) ** (1.0 / exponent)
-        softness = (first * 2.0 / 3.0 + second / exponent) / N
-        N_depth = 1.0 / softness
-        N *= np.exp(-np.log((first + second) / depth) * (first + second) * N_depth / N)
+        first = np.exp((log_N - np.log(hard)) * 2.0 / 3.0)
+        second = REFERENCE_M * np.exp((log_N - np.log(soft)) / exponent)
+        softness = first * 2.0 / 3.0 + second / exponent
+        step = np.log((first + second) / depth) * (first + second) / softness
+        log_N -= step
+        if abs(step) < CONVERGED:
+            break
+    N = np.exp(log_N)
+    N_depth = N / softness
     return (N - plain) * grow, (N_depth - 1.5 * plain / depth) * grow, (N - plain) * damping
 
 
