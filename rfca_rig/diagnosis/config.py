@@ -31,8 +31,6 @@ class SearchConfig:
         The same beside an explanation that is adequate already: what a law that is off by some percent leaves.
     worth_a_probe
         Share of these that an effect must promise by its signature beside the nominal model, or it is not screened beside a parent.
-    continued
-        Fits that begin again from truncated strokes where nothing is adequate.
     """
 
     coarse_conditions: int = 4
@@ -49,7 +47,6 @@ class SearchConfig:
     worth_a_fit: float = 6.0
     worth_beside_a_good_fit: float = 60.0
     worth_a_probe: float = 0.3
-    continued: int = 4
 
 
 DEFAULT_SEARCH = SearchConfig()

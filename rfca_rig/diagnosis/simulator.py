@@ -107,18 +107,6 @@ class Simulator(ABC):
         """Which conditions are enough to rank effects, ascending: at most `count`, evenly spread in their order."""
         return spread(len(conditions), count)
 
-    def truncate(self, condition: Any, share: float) -> ConditionData | None:  # noqa: ARG002
-        """The beginning of a condition, from which fits continue to the whole; None where it has no useful one.
-
-        Parameters
-        ----------
-        condition
-            What is shortened.
-        share
-            How much of the condition's history is kept, between 0 and 1.
-        """
-        return None
-
     def scatter(self, at: Any, conditions: Sequence[Any]) -> tuple[ScatterDirection, ...]:  # noqa: ARG002
         """The quantities that differ from repeat to repeat, around parameters and effects; none by default."""
         return ()

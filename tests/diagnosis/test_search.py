@@ -7,8 +7,10 @@ import pytest
 
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.config import SearchConfig
+from rfca_rig.diagnosis.inference import model_selection
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
+from rfca_rig.diagnosis.inference.screening import grid_of, terms_of
 from rfca_rig.diagnosis.leg.nuisances import nuisances_of
 from rfca_rig.diagnosis.leg.simulator import MOVES, leg_dataset, tables_of
 from rfca_rig.diagnosis.leg.stages import stage_tables
@@ -63,6 +65,45 @@ def test_the_static_approach_is_learnt_from_what_fits_well():
     found = search((HEAVY,), ("tip_mass",), tables=True)
     assert {table.moves for table in tables_of(found.evidence.parts)} == {SOFTLY}
     assert found.named[0].ids == ("tip_mass",)
+
+
+DRY = present("hinge_coulomb_friction", torque_Nm=0.08, presliding_deg=0.4)
+
+
+@pytest.fixture(scope="module")
+def looped():
+    """Strokes with dry hinges, searched without the dry hinges in the catalogue: a loop of the spring stands in their place."""
+    parts = flaps_of(recorded(replace(RIG, effects=(DRY,)), CONDITIONS, with_shaft=False))
+    coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0))
+    config = SearchConfig()
+    state = model_selection._begin(leg_dataset(parts), coordinates, config)
+    (loop,) = terms_of(catalogue()["spring_hysteresis"])
+    start = model_selection.Start((loop,), np.concatenate([state.nothing.x, grid_of(loop)[0]]))
+    return state.with_fits([state.descent.converge(model_selection._fit(state.descent, state, start, 5))])
+
+
+def test_an_effect_is_exchanged_for_one_of_its_family_that_explains_more(looped):
+    terms = tuple(term for name in ("hinge_coulomb_friction", "tip_mass") for term in terms_of(catalogue()[name]))
+    found = model_selection._exchange(looped, terms)
+    assert looped.best.ids == ("spring_hysteresis",) and found.best.ids == ("hinge_coulomb_friction",)
+    values = dict(found.best.coordinates.supposed(found.best.x).rig.effects[0].values)
+    assert values["torque_Nm"] == pytest.approx(0.08, rel=0.1)
+    assert {fit.ids for fit in found.fits} == {("spring_hysteresis",), ("hinge_coulomb_friction",)}  # a mass at the tip is no relative
+
+
+def test_what_was_exchanged_once_is_not_again(looped):
+    once = model_selection._exchange(looped, ())
+    assert model_selection._exchange(once, terms_of(catalogue()["hinge_coulomb_friction"])).fits == looped.fits
+
+
+def test_a_strained_nuisance_gives_way_to_the_effect_that_does_the_same():
+    """A rack that stands 4 mm higher than stated, its height known to 0.5 mm."""
+    parts = flaps_of(recorded(replace(RIG, effects=(present("height_offset", offset_mm=4.0),)), CONDITIONS, with_shaft=False))
+    coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO | {"height_mm": 0.5}, 0.0))
+    state = model_selection._begin(leg_dataset(parts), coordinates, SearchConfig())
+    found = model_selection._exchange(state, terms_of(catalogue()["height_offset"]))
+    assert found.best.ids == ("height_offset",)
+    assert state.nothing.farthest > 2.5 > found.best.farthest
 
 
 def test_a_nominal_model_that_cannot_be_simulated_is_said_so(monkeypatch):

@@ -152,6 +152,6 @@ def test_where_nothing_is_concealed_nothing_is_stated():
 
 
 def test_a_force_that_no_effect_of_the_catalogue_makes_is_left_unexplained():
-    """A steady push. The search comes as far as truncated conditions, of which this simulator has none."""
+    """A steady push. The search comes as far as sets of three effects."""
     decision = diagnosed(lambda _: 0.5)
     assert decision.grade == "unexplained" and decision.stated == ()

@@ -41,13 +41,6 @@ class Dataset:
         """The same simulator with other conditions; the very same dataset where these are its own."""
         return self if parts is self.parts else make_dataset(parts, self.simulator)
 
-    def truncated(self, share: float) -> "Dataset | None":
-        """Every condition cut to its beginning, those that have none as they are; None where none has one."""
-        shorter = [self.simulator.truncate(part, share) for part in self.parts]
-        if all(part is None for part in shorter):
-            return None
-        return make_dataset((whole if part is None else part for whole, part in zip(self.parts, shorter, strict=True)), self.simulator)
-
     def predicted(self, at: Any) -> Floats | None:
         """The model's rows (m,), its conditions side by side; None where it has no answer."""
         with ThreadPoolExecutor(THREADS) as pool:

@@ -1,12 +1,12 @@
 """The search over hypotheses: nothing missing, every effect, pairs of effects, and triples where two do not suffice.
 
-One optimiser fits every hypothesis (`map_fit`, Gauss-Newton to the MAP point). Starts come from five generators: the prior mean, the
-screening of all effects and all pairs, a parent's optimum with one effect more, truncated conditions (`continuation`), and a swap of a
-strained nuisance parameter for the effect that does the same (`nuisance_swap`). Fits are halved successively: many on a subset of the
-conditions, few on all, the best of them to convergence (Jamieson and Talwalkar, AISTATS 2016).
+One optimiser fits every hypothesis (`map_fit`, Gauss-Newton to the MAP point). Starts come from four generators: the prior mean, the
+screening of all effects and all pairs, a parent's optimum with one effect more, and an exchange in the best explanation: of an effect for
+one of its families, or of a strained nuisance parameter for the effect that does the same. Fits are halved successively: many on a subset
+of the conditions, few on all, the best of them to convergence (Jamieson and Talwalkar, AISTATS 2016).
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -16,16 +16,15 @@ from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.config import DEFAULT_SEARCH, SearchConfig
 from rfca_rig.diagnosis.data.dataset import THREADS, Dataset
-from rfca_rig.diagnosis.inference.continuation import continue_from_beginnings
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult, weigh_models
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit, without_scatter
-from rfca_rig.diagnosis.inference.nuisance_swap import resized, swap_nuisance
 from rfca_rig.diagnosis.inference.parameterization import FARTHEST, EffectTerm, Parameterization
 from rfca_rig.diagnosis.inference.screening import EffectProbe, Projection, probe_effects, projection_of, terms_of
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import GOOD_FIT, IMPLAUSIBLE, STRAINED, make_marginal_likelihood
 from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter, estimate_scatter
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.effect import Effect
+from rfca_rig.model.families import related
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -33,7 +32,9 @@ Terms = tuple[EffectTerm, ...]
 
 RESCALED = 3.0  # a probe may be this much too small and still be a start: its shape decides
 LARGEST_SET = 3  # effects of one hypothesis
-NEAR = 100.0  # log evidence: more than convergence with fresh Jacobians brings (measured at an earlier stage: 20 to 60)
+# Log evidence: more than convergence with fresh Jacobians brings (20 to 60), and more than four conditions rank otherwise than all do
+NEAR = 100.0
+RIVALS = 3  # sets of a size that are fitted on all conditions however far behind: the best without an effect measures its support
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class Start:
 class SearchState:
     """What is known so far: the optimiser on all conditions and on the subset, the nominal model, and the fits by size of the set.
 
-    `converged` are the fits that need no fresh Jacobian any more.
+    `converged` are the fits that need no fresh Jacobian any more, `exchanged` the sets whose parts were exchanged for what does the same.
     """
 
     descent: GaussNewton
@@ -59,6 +60,7 @@ class SearchState:
     nothing: MapFit
     fits: tuple[MapFit, ...] = ()
     converged: frozenset[MapFit] = frozenset()
+    exchanged: frozenset[frozenset[EffectTerm]] = frozenset()
 
     @property
     def best(self) -> MapFit:
@@ -116,7 +118,7 @@ def search_models(
         config.singles_coarse,
         config.singles_full,
     )
-    state = _learn(_fit_equivalents(_converge(state, 1, config), terms), GOOD_FIT, config)
+    state = _learn(_exchange(_converge(state, 1, config), terms), GOOD_FIT, config)
     progress("pairs of effects", 0.5)
     if not _is_adequate(state):
         starts = _pair_starts(projection, probes, state.nominal, config)
@@ -127,10 +129,8 @@ def search_models(
     if not _is_adequate(state):
         progress("three effects", 0.7)
         state = _fit_best(state, _partner_starts(state, 2, terms, probes, config), config.triples_coarse, config.triples_full)
-        progress("truncated conditions", 0.75)
-        state = state.with_fits(continue_from_beginnings(state.descent, _ranked(state)[: config.continued]))
     progress("weighing", 0.85)
-    state = _learn(_fit_nested(_fit_equivalents(state, terms)), 2.0 * GOOD_FIT, config)
+    state = _learn(_fit_nested(_exchange(state, terms)), 2.0 * GOOD_FIT, config)
     for size in (1, 2, 3):
         state = _converge(state, size, config)
     return _result(_refit_nothing(state), coordinates, probes, effects)
@@ -238,7 +238,9 @@ def _fit_best(state: SearchState, starts: Sequence[Start], coarse: int, full: in
         ranked = sorted(found, key=state.coarse.free_log_evidence)
         best = list({frozenset(fit.coordinates.choices): fit for fit in ranked}.values())
         best.sort(key=state.coarse.free_log_evidence, reverse=True)
-        fits = pool.map(lambda fit: _fit(state.descent, state, Start(fit.coordinates.choices, fit.x), 5), best[:full])
+        least = state.coarse.free_log_evidence(best[0]) - NEAR if best else 0.0
+        wide = [fit for n, fit in enumerate(best[:full]) if n < RIVALS or state.coarse.free_log_evidence(fit) > least]
+        fits = pool.map(lambda fit: _fit(state.descent, state, Start(fit.coordinates.choices, fit.x), 5), wide)
         return state.with_fits(fit for fit in fits if fit is not None)
 
 
@@ -249,18 +251,14 @@ def _fit(descent: GaussNewton, state: SearchState, start: Start, levels: int) ->
     return None if here is None else descent.refine(here, levels=levels)
 
 
-def _ranked(state: SearchState) -> list[MapFit]:
-    return sorted(state.fits, key=state.descent.free_log_evidence, reverse=True)
-
-
 def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchState:
-    """The best sets of a size with fresh Jacobians, and strained nuisance parameters swapped for the effects that do the same."""
+    """The best sets of a size with fresh Jacobians."""
     best = state.of_size(size)[: config.converged]
     least = max((state.descent.free_log_evidence(fit) for fit in state.fits), default=0.0) - NEAR
     near = [fit for fit in best if fit is best[0] or state.descent.free_log_evidence(fit) > least]
     with ThreadPoolExecutor(THREADS) as pool:
         fits = [fit for fit in near if fit not in state.converged]
-        found = list(pool.map(lambda fit: swap_nuisance(state.descent, state.descent.converge(fit)), fits))
+        found = list(pool.map(state.descent.converge, fits))
     return replace(state.with_fits(found), converged=state.converged.union(found))
 
 
@@ -288,33 +286,49 @@ def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchSta
     again = [fit for old in (state.nominal, state.nothing, *state.fits) if (fit := descent.at(old.coordinates, old.x, old.jacobian))]
     if len(again) < 2 + len(state.fits):
         return state
+    nominal, *fits = again
+    least = max(map(descent.free_log_evidence, fits)) - NEAR
     with ThreadPoolExecutor(THREADS) as pool:
-        nothing, *fits = pool.map(descent.refine, again[1:])
-    return SearchState(descent, scatter, coarse, rows, again[0], nothing, tuple(fits))
+        worth = [n for n, fit in enumerate(fits) if n == 0 or descent.free_log_evidence(fit) > least]
+        for n, fit in zip(worth, pool.map(descent.refine, [fits[n] for n in worth]), strict=True):
+            fits[n] = fit
+    return SearchState(descent, scatter, coarse, rows, nominal, fits[0], tuple(fits[1:]), exchanged=state.exchanged)
 
 
-def _fit_equivalents(state: SearchState, terms: Terms) -> SearchState:
-    """Fits in which an effect takes the place of a strained nuisance parameter that does the same; no linear screening can see it.
+def _exchange(state: SearchState, terms: Terms) -> SearchState:
+    """Fits in which a part of the best explanation, or of the fit without effects, is exchanged for something that does much the same.
 
-    None where such a fit is known that is better than the one without the effect.
+    An effect is exchanged for another one of its families, and a strained nuisance parameter for the effect that does the same. Everything
+    else begins where it stands. A rival that began at the prior mean may have ended in another mode, and would lose by that alone.
     """
-    found = []
-    for fit in dict.fromkeys((state.nothing, state.best)):
-        names, own = fit.coordinates.space.names, fit.coordinates.choices
-        better = {
-            frozenset(other.ids) for other in state.fits if state.descent.free_log_evidence(other) > state.descent.free_log_evidence(fit)
-        }
-        for term in terms:
-            is_known = frozenset((*fit.ids, term.effect.id)) in better
-            if term.effect.same_as not in names or term.effect.id in fit.ids or is_known or len(own) == LARGEST_SET:
-                continue
-            place = names.index(term.effect.same_as)
-            if abs(fit.x[place]) > STRAINED:
-                x = np.concatenate([fit.x, np.zeros(len(term.free))])
-                wider = state.descent.at(fit.coordinates.with_terms((*own, term)), x, fit.jacobian)
-                begun = None if wider is None else resized(state.descent, wider, np.arange(fit.coordinates.nuisances) == place)
-                found += [] if begun is None else [state.descent.converge(state.descent.refine(begun))]
-    return state.with_fits(found)
+    parents = [fit for fit in dict.fromkeys((state.nothing, state.best)) if frozenset(fit.coordinates.choices) not in state.exchanged]
+    starts = []
+    for base, wanted in (pair for parent in parents for pair in _without_each_part(state, parent, terms)):
+        here = _restrict(base, state)
+        probes = probe_effects(state.coarse.evidence, here, [term for term in terms if term.effect.id in wanted])
+        starts += _single_starts(_projection(state.coarse, here), probes, here, 1, 0.0)
+    with ThreadPoolExecutor(THREADS) as pool:
+        found = [fit for fit in pool.map(lambda start: _fit(state.descent, state, start, 5), starts) if fit is not None]
+        found = list(pool.map(state.descent.converge, found))
+    done = state.exchanged.union(frozenset(parent.coordinates.choices) for parent in parents)
+    return replace(state.with_fits(found), converged=state.converged.union(found), exchanged=done)
+
+
+def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iterator[tuple[MapFit, frozenset[str]]]:
+    """The parent without one of its effects, or with a strained nuisance parameter at its prior mean; and what may take that place."""
+    coordinates = parent.coordinates
+    for number, term in enumerate(coordinates.choices):
+        base = state.descent.without(parent, number)
+        if base is not None:
+            yield base, related((term.effect.id,)) - set(parent.ids)
+    if len(coordinates.choices) < LARGEST_SET:
+        for place, name in enumerate(coordinates.space.names):
+            wanted = frozenset(term.effect.id for term in terms if term.effect.same_as == name) - set(parent.ids)
+            if wanted and abs(parent.x[place]) > STRAINED:
+                x = np.where(np.arange(coordinates.size) == place, 0.0, parent.x)
+                base = state.descent.at(coordinates, x, parent.jacobian)
+                if base is not None:
+                    yield base, wanted
 
 
 def _fit_nested(state: SearchState) -> SearchState:

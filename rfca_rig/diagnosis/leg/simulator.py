@@ -43,13 +43,6 @@ class LegSimulator(Simulator):
         moving, tables = np.flatnonzero(~np.array(is_table)), np.flatnonzero(is_table)
         return sorted(int(number) for number in (*moving[spread(len(moving), count)], *tables[:1]))
 
-    def truncate(self, condition: LegCondition, share: float) -> FlapCondition | None:
-        """A stroke until that share of its way from touchdown to valley."""
-        if not isinstance(condition, FlapCondition):
-            return None
-        phases = condition.phases
-        return condition.until(phases.touchdown_s + share * (phases.valley_s - phases.touchdown_s))
-
     def scatter(self, at: Supposed, conditions: Sequence[LegCondition]) -> tuple[ScatterDirection, ...]:
         """Height of the rack, friction, and start angle; a recorded start is simulated, so that its scatter is none of the mean's."""
         std = np.array(list(USUAL.values()))

@@ -9,9 +9,9 @@ from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.laws import HINGE, LawUse
 from rfca_rig.model.setup import Setup, with_law
 
-# Longest step of Runge-Kutta, in saturations: 2e-4 of the loop rms, 3e-3 at most, for travels up to 3 saturations and exponents from 0.5 to 3
+# Longest step of Runge-Kutta, in saturations. It errs by 2e-4 of the loop rms and 3e-3 at most, for exponents from 0.5 to 3.
 LONGEST = 0.3
-# A travel below SHORT, and below NEAR of the distance to z = 0, where |z|^n is not smooth, is one Taylor step: 5e-6 of the loop at most
+# A travel below SHORT, and below NEAR of the distance to z = 0, is one Taylor step: 5e-6 of the loop at most. |z|^n is not smooth at 0.
 SHORT, NEAR = 0.03, 0.1
 SATURATED = 20.0  # saturations: the loop is at its end
 
