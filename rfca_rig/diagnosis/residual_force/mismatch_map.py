@@ -1,11 +1,10 @@
-"""Where model and recordings part, before any cause is considered.
+"""Where model and recordings differ, before any cause is considered.
 
-The model as believed is held against the rows; what could be expected is noise, what differs from stroke to stroke, a usual model error,
-and what the uncertainty of the believed values can do. Each cell of signal, phase and condition is tested by its own chi-square;
-the chances are corrected for the number of cells (Holm, Scand. J. Statist. 6 (1979) 65).
+The residual of the nominal model is compared with noise, scatter between strokes, a usual model error, and what the prior standard
+deviations of the nuisance parameters allow. The tests are hierarchical (Meinshausen, Biometrika 95 (2008) 265). First, each signal in
+each phase is tested by a chi-square over all conditions. Then the conditions of each one that is significant are tested. Both levels are
+corrected for the number of tests (Holm, Scand. J. Statist. 6 (1979) 65).
 """
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,19 +23,21 @@ Floats = NDArray[np.float64]
 CHANCE = 0.01  # family-wise
 
 
-@dataclass(frozen=True)
-class _Tested:
-    cell: Cell
-    p_value: float
-
-
 def locate_mismatch(rows: Observations, believed: MapFit, judge: MarginalLikelihood) -> tuple[tuple[Cell, ...], tuple[Located, ...]]:
     """The whole map, and the places where chance and all allowances do not explain the difference, worst first."""
     covariance = judge.usual.covariance() + believed.jacobian @ believed.jacobian.T
     apart = rows.measured - believed.predicted
-    tested = [_tested(rows, apart, covariance, cell) for cell in _cells(rows)]
-    corrected = _holm(np.array([t.p_value for t in tested]))
-    return tuple(t.cell for t in tested), _pooled(tested, corrected)
+    places: dict[tuple[str, str, str], list[NDArray[np.intp]]] = {}
+    cells = [(_describe_cell(rows, apart, covariance, of), of) for of in _cells(rows)]
+    for cell, of in cells:
+        places.setdefault((cell.signal, cell.experiment, cell.phase), []).append(of)
+    chances = _holm(np.array([_chance(apart, covariance, np.concatenate(parts)) for parts in places.values()]))
+    found = [
+        _locate(rows, apart, covariance, parts, float(chance))
+        for parts, chance in zip(places.values(), chances, strict=True)
+        if chance < CHANCE
+    ]
+    return tuple(cell for cell, _ in cells), tuple(sorted(found, key=lambda place: -place.sigmas))
 
 
 def lone_channel(rows: Observations, nothing: MapFit, judge: MarginalLikelihood) -> str | None:
@@ -67,14 +68,15 @@ def _cells(rows: Observations) -> list[NDArray[np.intp]]:
     return [np.flatnonzero((keys == key[:, None]).all(axis=0)) for key in np.unique(keys, axis=1).T]
 
 
-def _tested(rows: Observations, apart: Floats, covariance: Floats, cell: NDArray[np.intp]) -> _Tested:
-    block = covariance[np.ix_(cell, cell)]
-    statistic = float(apart[cell] @ cho_solve(cho_factor(block), apart[cell]))
-    label = rows.labels[rows.label[cell[0]]]
-    size = float(np.sqrt(np.mean(apart[cell] ** 2)))
-    sigmas = float(np.sqrt(np.mean(apart[cell] ** 2 / np.diag(block))))
-    found = Cell(label.signal, label.experiment, str(rows.phase[cell[0]]), label.condition, size, sigmas)
-    return _Tested(found, float(chi2.sf(statistic, len(cell))))
+def _describe_cell(rows: Observations, apart: Floats, covariance: Floats, of: NDArray[np.intp]) -> Cell:
+    label, part = rows.labels[rows.label[of[0]]], apart[of]
+    sigmas = float(np.sqrt(np.mean(part**2 / np.diag(covariance)[of])))
+    return Cell(label.signal, label.experiment, str(rows.phase[of[0]]), label.condition, float(np.sqrt(np.mean(part**2))), sigmas)
+
+
+def _chance(apart: Floats, covariance: Floats, of: NDArray[np.intp]) -> float:
+    """Probability of a chi-square as large as that of these rows, were nothing missing."""
+    return float(chi2.sf(float(apart[of] @ cho_solve(cho_factor(covariance[np.ix_(of, of)]), apart[of])), len(of)))
 
 
 def _holm(p_values: Floats) -> Floats:
@@ -85,18 +87,11 @@ def _holm(p_values: Floats) -> Floats:
     return corrected
 
 
-def _pooled(tested: list[_Tested], corrected: Floats) -> tuple[Located, ...]:
-    groups: dict[tuple[str, str, str], list[tuple[Cell, float]]] = {}
-    for test, p_value in zip(tested, corrected, strict=True):
-        if p_value < CHANCE:
-            cell = test.cell
-            groups.setdefault((cell.signal, cell.experiment, cell.phase), []).append((cell, float(p_value)))
-    found = [_place(group) for group in groups.values()]
-    return tuple(sorted(found, key=lambda place: -place.sigmas))
-
-
-def _place(group: list[tuple[Cell, float]]) -> Located:
-    cells = [cell for cell, _ in group]
+def _locate(rows: Observations, apart: Floats, covariance: Floats, parts: list[NDArray[np.intp]], chance: float) -> Located:
+    """The statement about one signal in one phase: the conditions that are significant alone, or all of them where none is."""
+    each = _holm(np.array([_chance(apart, covariance, of) for of in parts]))
+    shown = [of for of, p_value in zip(parts, each, strict=True) if p_value < CHANCE] or parts
+    cells = [_describe_cell(rows, apart, covariance, of) for of in shown]
     first = cells[0]
     return Located(
         signal=first.signal,
@@ -106,7 +101,7 @@ def _place(group: list[tuple[Cell, float]]) -> Located:
         size=float(np.sqrt(np.mean([cell.size**2 for cell in cells]))),
         unit=unit_of(first.signal),
         sigmas=float(np.sqrt(np.mean([cell.sigmas**2 for cell in cells]))),
-        p_value=min(p for _, p in group),
+        p_value=chance,
     )
 
 
