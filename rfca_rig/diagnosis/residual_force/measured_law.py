@@ -18,7 +18,6 @@ from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities, loo_residuals, products_without
 from rfca_rig.diagnosis.likelihood.laplace import Linear
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import STRAINED
 from rfca_rig.diagnosis.residual_force.law_arguments import (
     PLAUSIBLE,
     ZERO_AT_ZERO,
@@ -189,7 +188,8 @@ def fit_law(found: ModelSelectionResult, place: str, argument: str, base: Hypoth
     first = _term(place, argument, knots, PLAUSIBLE[kind.unit] * FIRST_SIZE, FIRST_ROUGHNESS)
     coordinates = base.fitted.coordinates.with_terms((*base.fitted.coordinates.choices, first))
     fits = []
-    for x in _starts(base.fitted):
+    # what is missing may have drawn the nuisance parameters away, so the fit also begins at their prior means
+    for x in (base.fitted.x, base.fitted.as_believed):
         start = descent.at(coordinates, np.append(x, np.zeros(len(knots))))
         if start is not None:
             here = _with_likeliest_prior(descent, descent.refine(start, LEVELS, ROUNDS), PLAUSIBLE[kind.unit])
@@ -198,11 +198,6 @@ def fit_law(found: ModelSelectionResult, place: str, argument: str, base: Hypoth
         return None
     best = descent.converge(max(fits, key=descent.log_evidence), CONVERGE)
     return _measured(found, base, _hypothesis(descent, best), visited)
-
-
-def _starts(base: MapFit) -> list[Floats]:
-    """The base as it fits best, and where its nuisances had to go far, as they were before: what is missing may have drawn them there."""
-    return [base.x] if base.farthest < STRAINED else [base.x, base.as_believed]
 
 
 def _term(place: str, argument: str, knots: Floats, size: float, roughness: float) -> TableTerm:
