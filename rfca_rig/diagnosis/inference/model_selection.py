@@ -302,24 +302,16 @@ def _exchange(state: SearchState, terms: Terms) -> SearchState:
     else begins where it stands. A rival that began at the prior mean may have ended in another mode, and would lose by that alone.
     """
     parents = [fit for fit in dict.fromkeys((state.nothing, state.best)) if frozenset(fit.coordinates.choices) not in state.exchanged]
-    fits: list[MapFit] = []
+    starts = []
+    for base, wanted in (pair for parent in parents for pair in _without_each_part(state, parent, terms)):
+        here = _restrict(base, state)
+        probes = probe_effects(state.coarse.evidence, here, [term for term in terms if term.effect.id in wanted])
+        starts += _single_starts(_projection(state.coarse, here), probes, here, 1, 0.0)
     with ThreadPoolExecutor(THREADS) as pool:
-        for parent in parents:
-            starts = [start for part in _without_each_part(state, parent, terms) for start in _exchange_starts(state, *part, terms)]
-            coarse = [fit for fit in pool.map(lambda start: _fit(state.coarse, state, start, 2), starts) if fit is not None]
-            least = state.coarse.free_log_evidence(_restrict(parent, state)) - NEAR
-            near = [Start(fit.coordinates.choices, fit.x) for fit in coarse if state.coarse.free_log_evidence(fit) > least]
-            found = [fit for fit in pool.map(lambda start: _fit(state.descent, state, start, 5), near) if fit is not None]
-            fits += pool.map(state.descent.converge, found)
+        found = [fit for fit in pool.map(lambda start: _fit(state.descent, state, start, 5), starts) if fit is not None]
+        found = list(pool.map(state.descent.converge, found))
     done = state.exchanged.union(frozenset(parent.coordinates.choices) for parent in parents)
-    return replace(state.with_fits(fits), converged=state.converged.union(fits), exchanged=done)
-
-
-def _exchange_starts(state: SearchState, base: MapFit, wanted: frozenset[str], terms: Terms) -> list[Start]:
-    """The most promising grid point of each of the `wanted` effects beside `base`."""
-    here = _restrict(base, state)
-    probes = probe_effects(state.coarse.evidence, here, [term for term in terms if term.effect.id in wanted])
-    return _single_starts(_projection(state.coarse, here), probes, here, 1, 0.0)
+    return replace(state.with_fits(found), converged=state.converged.union(found), exchanged=done)
 
 
 def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iterator[tuple[MapFit, frozenset[str]]]:
