@@ -2,7 +2,7 @@
 
 One optimiser fits every hypothesis (`map_fit`, Gauss-Newton to the MAP point). Starts come from four generators: the prior mean, the
 screening of all effects and all pairs, a parent's optimum with one effect more, and an exchange in the best explanation: of an effect for
-one of its families, or of a strained nuisance parameter for the effect that does the same. Fits are halved successively: many on a subset
+another of its family, or of a strained nuisance parameter for the effect that does the same. Fits are halved successively: many on a subset
 of the conditions, few on all, the best of them to convergence (Jamieson and Talwalkar, AISTATS 2016).
 """
 
@@ -289,16 +289,15 @@ def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchSta
     nominal, *fits = again
     least = max(map(descent.free_log_evidence, fits)) - NEAR
     with ThreadPoolExecutor(THREADS) as pool:
-        worth = [n for n, fit in enumerate(fits) if n == 0 or descent.free_log_evidence(fit) > least]
-        for n, fit in zip(worth, pool.map(descent.refine, [fits[n] for n in worth]), strict=True):
-            fits[n] = fit
-    return SearchState(descent, scatter, coarse, rows, nominal, fits[0], tuple(fits[1:]), exchanged=state.exchanged)
+        is_worth = [n == 0 or descent.free_log_evidence(fit) > least for n, fit in enumerate(fits)]
+        nothing, *others = pool.map(lambda fit, worth: descent.refine(fit) if worth else fit, fits, is_worth)
+    return SearchState(descent, scatter, coarse, rows, nominal, nothing, tuple(others), exchanged=state.exchanged)
 
 
 def _exchange(state: SearchState, terms: Terms) -> SearchState:
     """Fits in which a part of the best explanation, or of the fit without effects, is exchanged for something that does much the same.
 
-    An effect is exchanged for another one of its families, and a strained nuisance parameter for the effect that does the same. Everything
+    An effect is exchanged for another one of its family, and a strained nuisance parameter for the effect that does the same. Everything
     else begins where it stands. A rival that began at the prior mean may have ended in another mode, and would lose by that alone.
     """
     parents = [fit for fit in dict.fromkeys((state.nothing, state.best)) if frozenset(fit.coordinates.choices) not in state.exchanged]
@@ -318,9 +317,10 @@ def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iter
     """The parent without one of its effects, or with a strained nuisance parameter at its prior mean; and what may take that place."""
     coordinates = parent.coordinates
     for number, term in enumerate(coordinates.choices):
-        base = state.descent.without(parent, number)
+        relatives = related((term.effect.id,)) - set(parent.ids)
+        base = state.descent.without(parent, number) if relatives else None
         if base is not None:
-            yield base, related((term.effect.id,)) - set(parent.ids)
+            yield base, relatives
     if len(coordinates.choices) < LARGEST_SET:
         for place, name in enumerate(coordinates.space.names):
             wanted = frozenset(term.effect.id for term in terms if term.effect.same_as == name) - set(parent.ids)
