@@ -17,12 +17,12 @@ from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.leg.drive_tracking import excluded_by_tracking
 from rfca_rig.diagnosis.leg.nuisances import nuisances_of, nuisances_of_drive
+from rfca_rig.diagnosis.leg.result import build_leg_result
 from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, late_s, shaft_condition, tracks_command
 from rfca_rig.diagnosis.leg.simulator import infer_approach, leg_dataset
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, stage_tables
 from rfca_rig.diagnosis.leg.strokes import FlapCondition, flap_condition, turn_of
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
-from rfca_rig.diagnosis.result_builder import build_result
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import OF_PENDULUMS, Effect
@@ -84,9 +84,9 @@ def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits
     )
     leg = search_models(evidence, body.coordinates, effects, progress)
     drive = drive_found(body, leg, of_drive, progress) if not body.as_commanded else None
-    verdicts = Findings(leg, decide(leg, len(effects)), drive, None if drive is None else decide(drive, len(of_drive)))
+    verdicts = Findings(leg, decide(leg), drive, None if drive is None else decide(drive))
     progress("summing up", 0.97)
-    found = build_result(body, verdicts, effects, limits)
+    found = build_leg_result(body, verdicts, effects, limits)
     if drive is None and body.shafts:
         found = replace(found, not_seen=(*found.not_seen, *excluded_by_tracking(body.shafts, body.rig, of_drive)))
     return replace(found, recordings=tuple(map(_named, recordings)), remarks=(*found.remarks, *describe_exclusions(without)))

@@ -53,8 +53,8 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Gate:
-    """One of the conditions that a name must meet, and in words what was found."""
+class Criterion:
+    """One of the conditions that an identified effect must meet, and in words what was found."""
 
     name: str
     passed: bool
@@ -174,7 +174,7 @@ class Diagnosis:
     located: tuple[Located, ...]
     cells: tuple[Cell, ...]
     effects: tuple[NamedEffect, ...]
-    gates: tuple[Gate, ...]
+    criteria: tuple[Criterion, ...]
     rivals: tuple[Rival, ...]
     not_seen: tuple[NotSeen, ...]
     fit: Mapping[str, BeforeAfter]

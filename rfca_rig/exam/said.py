@@ -35,7 +35,8 @@ class Said:
 
     `claims` are all effects listed; they count as named where the verdict says so. `held_out_fz_N` is (before, after, noise floor).
     Of rfca-diagnosis/2: `grade`, the stated `family` and its or the effects' `probability`, the `place` of something
-    unlisted, and the `support`: kind, id and probability of every effect and family of the best explanation.
+    unlisted, and the `support`: kind, ids and probability of every effect, with those that it
+    cannot be told from, and of every family of the best explanation.
     """
 
     verdict: str
@@ -45,7 +46,7 @@ class Said:
     family: str = ""
     probability: float = 0.0
     place: str = ""
-    support: tuple[tuple[str, str, float], ...] = ()
+    support: tuple[tuple[str, frozenset[str], float], ...] = ()
 
     @property
     def named(self) -> tuple[Claim, ...]:
@@ -74,7 +75,7 @@ def said_in(diagnosis: Mapping[str, Any], where: str = "diagnosis") -> Said:
             family=str((diagnosis.get("family") or {}).get("id", "")),
             probability=float((diagnosis.get("statement") or {}).get("probability") or 0.0),
             place=str((diagnosis.get("place") or {}).get("id", "")),
-            support=tuple((str(one["kind"]), str(one["id"]), float(one["probability"])) for one in diagnosis.get("support") or ()),
+            support=tuple(_support(one) for one in diagnosis.get("support") or ()),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(f"{where}: {type(error).__name__} at {error}; see the format of diagnosis.json") from None
@@ -93,6 +94,10 @@ def read_said(path: Path) -> Said:
 def _claim(effect: Mapping[str, Any]) -> Claim:
     values = {name: (float(each["value"]), float(each["std"])) for name, each in effect.get("parameters", {}).items()}
     return Claim(str(effect["id"]), float(effect["probability"]), values, tuple(effect.get("cannot_tell_from", ())))
+
+
+def _support(one: Mapping[str, Any]) -> tuple[str, frozenset[str], float]:
+    return str(one["kind"]), frozenset((str(one["id"]), *one.get("cannot_tell_from", ()))), float(one["probability"])
 
 
 def _held_out(fit: Mapping[str, Any]) -> tuple[float, float, float] | None:

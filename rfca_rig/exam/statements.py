@@ -130,8 +130,8 @@ def _probabilities(judged: Judged) -> tuple[list[float], list[bool]]:
     """Of every effect and family of the best explanation, stated or not."""
     found = []
     for truth, said in judged:
-        for kind, name, probability in said.support:
+        for kind, names, probability in said.support:
             if probability >= LEAST:
-                right = name in truth.effects.keys() | truth.accepted if kind == "effect" else _is_true_family(truth, name)
-                found.append((probability, right))
+                there = bool(names & (truth.effects.keys() | truth.accepted))
+                found.append((probability, there if kind == "effect" else any(_is_true_family(truth, name) for name in names)))
     return [probability for probability, _ in found], [right for _, right in found]

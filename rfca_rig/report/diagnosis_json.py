@@ -40,7 +40,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "title": diagnosis.title,
         "recordings": [asdict(one) for one in diagnosis.recordings],
         "sentence": diagnosis.sentence,
-        "gates": [{"name": gate.name, "passed": gate.passed, "found": gate.found} for gate in diagnosis.gates],
+        "gates": [asdict(criterion) for criterion in diagnosis.criteria],
         "rivals": [
             {"ids": r.ids, "probability": r.probability, "log_evidence": r.log_evidence, "model_error": r.model_error}
             for r in diagnosis.rivals

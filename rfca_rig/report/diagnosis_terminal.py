@@ -37,9 +37,9 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
         yield f"acts on the {diagnosis.place.id} ({percent(diagnosis.place.probability)}): {diagnosis.place.words}"
     yield from (moved_prior(one) for one in diagnosis.moved_priors[:2])
     yield from _figures(diagnosis)
-    failed = [gate for gate in diagnosis.gates if not gate.passed]
+    failed = [criterion for criterion in diagnosis.criteria if not criterion.passed]
     if failed and diagnosis.grade != "nothing missing":
-        yield "acceptance tests failed: " + "; ".join(f"{gate.name} ({gate.found})" for gate in failed)
+        yield "not identified: " + "; ".join(f"{criterion.name} ({criterion.found})" for criterion in failed)
     yield from (f"unexplained: {text}" for text in diagnosis.unexplained[:1])
     yield from _looked_for(diagnosis)
     if diagnosis.next_experiment:

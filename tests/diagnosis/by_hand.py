@@ -98,15 +98,15 @@ def named(found: ModelSelectionResult, *others: str) -> Decision:
     """The likeliest is accepted, and these cannot be told from it."""
     best = found.named[0]
     effect = NamedEffect(best.ids[0], "", 0.95, {}, tuple(others), "")
-    return Decision("named", best, (effect,), (), (), None, 0.0)
+    return Decision("identified", best, None, (effect,), probability=0.95)
 
 
 def undecided(found: ModelSelectionResult) -> Decision:
-    return Decision("unexplained", found.nothing, (), (), (), found.named[0] if found.named else None, 0.0)
+    return Decision("unexplained", found.nothing, found.named[0] if found.named else None)
 
 
 def nothing_missing(found: ModelSelectionResult, probability: float = 0.99) -> Decision:
-    return Decision("nothing missing", found.nothing, (), (), (), None, probability)
+    return Decision("nothing missing", found.nothing, probability=probability)
 
 
 def body_of(flaps, found: ModelSelectionResult, shafts=()) -> PreparedData:

@@ -6,9 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.decision import grade
-from rfca_rig.diagnosis.decision.comparison import Comparison, compare
-from rfca_rig.diagnosis.decision.decide import decide
+from rfca_rig.diagnosis.decision.comparison import AS_GOOD, Comparison, compare
+from rfca_rig.diagnosis.decision.decide import Supported, _best_family, decide_from, support_of_best
 from rfca_rig.diagnosis.decision.sizes import LAWS_SIZE, estimate_sizes
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import IMPLAUSIBLE
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, found_among, present, recorded
@@ -121,24 +120,79 @@ def test_intervals_widen_with_what_the_law_leaves(uneven, gained):
     assert wide > 0.02  # the gains were 1.18 to 1.22
 
 
-def test_what_is_stated_needs_a_calibrated_probability(uneven, monkeypatch):
-    unexplained = decide(uneven.result, 2)
-    assert unexplained.verdict == "unexplained"
-    supported = grade.support_of_best(uneven)
-    sure, unsure = ([replace(one, probability=p) for one in supported] for p in (0.9, 0.5))
-    mostly = grade.state(uneven, sure)
-    assert mostly is not None and mostly.grade == "mostly"
-    assert [effect.id for effect in mostly.effects] == ["sensor_gain"] and mostly.probability == 0.9
-    family = grade.state(uneven, [replace(one, probability=0.9 if one.kind == "family" else 0.5) for one in supported])
-    assert family is not None and (family.grade, family.effects) == ("family", ())
-    assert grade.state(uneven, unsure) is None
-    monkeypatch.setattr(grade, "DOMINANT", 1.1)
-    assert grade.state(uneven, sure) is None
+def graded(comparison, of_effects, of_families=0.5):
+    """The decision had the calibration given these probabilities."""
+    probability = {"effect": of_effects, "family": of_families}
+    return decide_from(comparison, [replace(one, probability=probability[one.kind]) for one in support_of_best(comparison)])
+
+
+def test_a_law_that_holds_is_identified_and_one_that_does_not_mostly(gained, uneven):
+    exact, mostly = graded(gained, 0.95), graded(uneven, 0.95)
+    assert (exact.grade, mostly.grade) == ("identified", "mostly")
+    assert [effect.id for effect in mostly.effects] == ["sensor_gain"] and mostly.probability == 0.95
+    assert [criterion.name for criterion in mostly.criteria if not criterion.passed] == ["held-out misfit"]
+
+
+def test_an_effect_that_is_probable_but_not_sure_is_mostly(gained):
+    assert graded(gained, 0.85).grade == "mostly"
+
+
+def test_where_no_effect_is_probable_the_family_is_stated(gained):
+    family = graded(gained, 0.5, 0.85)
+    assert (family.grade, family.effects, family.probability) == ("family", (), 0.85)
+    assert family.family is not None and family.family.id == "sensor_scale"
+
+
+def test_where_nothing_is_probable_the_misfit_stays_unexplained(gained):
+    unexplained = graded(gained, 0.5, 0.5)
+    assert unexplained.grade == "unexplained" and unexplained.explanation.ids == ()
+    assert unexplained.closest is not None and unexplained.closest.ids == ("sensor_gain",)
+    assert unexplained.suspects >= {"sensor_gain"}
+
+
+def test_an_explanation_with_an_implausible_value_is_not_identified(gained):
+    ranked = tuple(strained(one, IMPLAUSIBLE + 0.5) if one.ids else one for one in gained.ranked)
+    one = Comparison(gained.result, ranked)
+    assert graded(_with(one, "best", _with_rms(one.best, gained.best.held_out_rms)), 0.95).grade == "mostly"
+
+
+@pytest.mark.parametrize(
+    ("rms", "strain", "log_evidence_of_unknown", "grade"),
+    [
+        (0.5, 1.0, -1e6, "nothing missing"),
+        (2.0, 1.0, -1e6, "unexplained"),  # held-out conditions are predicted badly
+        (0.5, IMPLAUSIBLE + 0.5, -1e6, "unexplained"),
+        (0.5, 1.0, 1e6, "unexplained"),  # a large model error is more probable
+    ],
+)
+def test_when_a_model_without_effects_lacks_nothing(gained, rms, strain, log_evidence_of_unknown, grade):
+    result = replace(gained.result, unknown=replace(gained.result.unknown, log_evidence=log_evidence_of_unknown))
+    ranked = tuple(_with_rms(strained(one, strain), np.full(5, rms)) for one in gained.ranked)
+    assert graded(Comparison(result, ranked), 0.5).grade == grade
+
+
+def test_effects_that_explain_the_data_as_well_form_a_class(gained):
+    crosstalk = next(one for one in gained.ranked if one.ids == ("sensor_crosstalk",))
+    near, far = (
+        replace(
+            gained, ranked=tuple(replace(one, log_joint=gained.best.log_joint - gap) if one is crosstalk else one for one in gained.ranked)
+        )
+        for gap in (AS_GOOD - 1.0, AS_GOOD + 1.0)
+    )
+    assert near.as_good_as("sensor_gain") == ("sensor_crosstalk",) and far.as_good_as("sensor_gain") == ()
+    assert near.support(("sensor_gain", "sensor_crosstalk")).rival == ()
+    (effect,) = graded(near, 0.95).effects
+    assert effect.cannot_tell_from == ("sensor_crosstalk",)
+
+
+def _with(comparison, name, value):
+    comparison.__dict__[name] = value
+    return comparison
 
 
 @pytest.mark.parametrize(("of_memory", "expected"), [(0.85, "hinge_dissipation"), (0.9, "spring_memory")])
 def test_of_two_families_that_are_as_probable_the_larger_is_stated(of_memory, expected):
     """Every effect that gives the spring a memory dissipates, too."""
     comparison = SimpleNamespace(best=SimpleNamespace(ids=("spring_relaxation",)))
-    supported = [grade.Supported("family", name, p, {}) for name, p in (("hinge_dissipation", 0.85), ("spring_memory", of_memory))]
-    assert grade._best_family(comparison, supported).id == expected
+    supported = [Supported("family", name, p, {}) for name, p in (("hinge_dissipation", 0.85), ("spring_memory", of_memory))]
+    assert _best_family(comparison, supported).id == expected

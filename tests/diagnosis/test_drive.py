@@ -7,14 +7,13 @@ import pytest
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.diagnosis.data.observations import rms
-from rfca_rig.diagnosis.decision.decide import decide
+from rfca_rig.diagnosis.decision.decide import decide, join_decisions
 from rfca_rig.diagnosis.diagnose import SEEN_ON_THE_SHAFT, drive_found
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
+from rfca_rig.diagnosis.leg.result import _late
 from rfca_rig.diagnosis.leg.shaft_observations import late_s, shaft_condition, tracks_command, turns_as_commanded
 from rfca_rig.diagnosis.leg.strokes import turn_of
-from rfca_rig.diagnosis.result import Gate
-from rfca_rig.diagnosis.result_builder import _gates, _late
-from rfca_rig.diagnosis.result_builder import sentence as sentence_of
+from rfca_rig.diagnosis.result import Criterion
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import RigModel
 from tests.diagnosis.by_hand import (
@@ -63,7 +62,7 @@ def found_late(rig: RigModel) -> tuple[ModelSelectionResult, ModelSelectionResul
 
 def test_a_drive_that_is_late_lacks_nothing_and_is_told_to_be_late():
     leg, drive = found_late(RIG)
-    decision = decide(drive, len(EFFECTS))
+    decision = decide(drive)
     assert decision.verdict == "nothing missing"
     body = replace(body_of(drive.evidence.parts, leg, drive.evidence.parts), as_commanded=False)
     (said,) = _late(body, verdicts_of(leg, nothing_missing(leg), drive, decision))
@@ -105,7 +104,7 @@ def test_a_shaft_that_sags_is_not_only_late():
 def test_a_drive_that_sags_and_is_late_is_given_its_own_gains():
     """A command that comes late is made up for by the integral alone, as a smaller proportional gain would have it."""
     _, drive = found_late(replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=8.0, ki_Nm_per_rad=60.0),)))
-    decision = decide(drive, len(EFFECTS))
+    decision = decide(drive)
     (effect,) = decision.effects
     assert effect.id == "motor_speed_droop"
     assert effect.parameters["kp_Nm_s_per_rad"].value == pytest.approx(8.0, rel=0.04)
@@ -113,13 +112,27 @@ def test_a_drive_that_sags_and_is_late_is_given_its_own_gains():
 
 
 def test_a_drive_that_is_explained_is_told_beside_forces_that_are_not():
-    flaps = flaps_of(recorded(RIG, THREE[:1]))
-    leg = found_among(flaps, ["tip_mass"])
-    why, passed = Gate("foretells", False, "no condition"), Gate("foretells", True, "every condition")
-    of_leg, of_drive = replace(undecided(leg), gates=(why,)), replace(named(leg), gates=(passed,))
-    verdicts = verdicts_of(leg, of_leg, leg, of_drive)
-    sentence = sentence_of("mostly", of_drive.stated, None, verdicts, body_of(flaps, leg))
-    assert "tip_mass" in sentence and sentence.endswith("Something else remains unexplained.")
-    assert _gates("unexplained", verdicts) == (why,)
-    assert _gates("named", verdicts) == (passed,)
-    assert _gates("not enough data", verdicts) == (why, passed)
+    leg = found_among(flaps_of(recorded(RIG, THREE[:1])), ["tip_mass"])
+    why, passed = Criterion("held-out misfit", False, "3.1"), Criterion("held-out misfit", True, "0.8")
+    joint = join_decisions(replace(undecided(leg), criteria=(why,)), replace(named(leg), criteria=(passed,)))
+    assert (joint.grade, joint.verdict) == ("mostly", "unexplained")
+    assert [effect.id for effect in joint.effects] == ["tip_mass"] and joint.criteria == (why, passed)
+    assert joint.explanation.ids == ()
+
+
+@pytest.mark.parametrize(
+    ("forces", "shaft", "grade", "probability"),
+    [
+        ("nothing missing", "nothing missing", "nothing missing", 0.9 * 0.8),
+        ("nothing missing", "identified", "identified", 0.95),
+        ("unexplained", "nothing missing", "unexplained", 1.0 - 0.1 * 0.8),
+        ("nothing missing", "unexplained", "unexplained", 1.0 - 0.9 * 0.2),
+    ],
+)
+def test_forces_and_shaft_are_answered_together(forces, shaft, grade, probability):
+    leg = found_among(flaps_of(recorded(RIG, THREE[:1])), ["tip_mass"])
+    of = {"nothing missing": nothing_missing, "identified": lambda found, _: named(found), "unexplained": lambda found, _: undecided(found)}
+    joint = join_decisions(
+        replace(of[forces](leg, 0.9), probability=0.9), replace(of[shaft](leg, 0.8), probability=0.95 if shaft == "identified" else 0.8)
+    )
+    assert joint.grade == grade and joint.probability == pytest.approx(probability)

@@ -135,23 +135,23 @@ def diagnosed(friction):
     space = Space(nuisances, Oscillator(), np.array([p.spread for p in nuisances]), np.ones(2, dtype=bool))
     dataset = make_dataset(conditions, OscillatorSimulator())
     found = search_models(dataset, Parameterization(space), list(CATALOGUE.values()), lambda *_: None)
-    return decide(found, len(CATALOGUE))
+    return decide(found)
 
 
 def test_a_friction_that_is_not_quite_the_catalogues_is_found_in_a_rig_that_the_core_does_not_know():
     """Rounder than the catalogue's where the mass turns back, and 10 % more at low speed."""
     decision = diagnosed(lambda v: 0.4 * v / np.hypot(v, 0.012) * (1.0 + 0.1 * exp(-((v / 0.1) ** 2))))
-    (effect,) = decision.stated
+    (effect,) = decision.effects
     assert decision.grade in ("identified", "mostly") and effect.id == "coulomb"
     assert effect.parameters["friction_N"].value == pytest.approx(0.4, rel=0.1)
 
 
 def test_where_nothing_is_concealed_nothing_is_stated():
     decision = diagnosed(lambda _: 0.0)
-    assert decision.grade == "nothing missing" and decision.stated == ()
+    assert decision.grade == "nothing missing" and decision.effects == ()
 
 
 def test_a_force_that_no_effect_of_the_catalogue_makes_is_left_unexplained():
     """A steady push. The search comes as far as sets of three effects."""
     decision = diagnosed(lambda _: 0.5)
-    assert decision.grade == "unexplained" and decision.stated == ()
+    assert decision.grade == "unexplained" and decision.effects == ()

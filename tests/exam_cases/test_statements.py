@@ -75,8 +75,15 @@ def test_sizes_families_and_triples():
 def test_places_and_calibration():
     bump, heavier = (truth(kind=cases.STRANGER, strangers={name: {}}) for name in ("floor_bump", "one_heavier_link"))
     found = scored(
-        (bump, stated(grade="unexplained", place="ground", support=(("effect", "ground_tilt", 0.4), ("family", "floor_geometry", 0.6)))),
-        (heavier, stated(grade="unexplained", place="sensor", support=(("effect", "tip_mass", 0.1),))),
+        (
+            bump,
+            stated(
+                grade="unexplained",
+                place="ground",
+                support=(("effect", frozenset({"ground_tilt"}), 0.4), ("family", frozenset({"floor_geometry"}), 0.6)),
+            ),
+        ),
+        (heavier, stated(grade="unexplained", place="sensor", support=(("effect", frozenset({"tip_mass"}), 0.1),))),
         (heavier, stated(grade="unexplained")),
     )
     assert found.place == (1, 2)

@@ -9,8 +9,8 @@ import pytest
 from rfca_rig.diagnosis.result import (
     BeforeAfter,
     Cell,
+    Criterion,
     Diagnosis,
-    Gate,
     Located,
     MovedPrior,
     NamedEffect,
@@ -90,12 +90,10 @@ NAMED = Diagnosis(
             "Law confirmed: one gap serves all conditions and all channels.",
         ),
     ),
-    gates=(
-        Gate("evidence", True, "log evidence 84.2 above that of nothing missing, 6.2 needed"),
-        Gate("each needed", True, "one effect only"),
-        Gate("one value in all conditions", True, "its size varies between conditions by 3 % at a guess"),
-        Gate("foretells", True, "left out in turn, 100 % of 12 conditions are foretold better; rms 4.12 -> 0.97"),
-        Gate("nothing left over", False, "what is left is like a model error of 2.3 %"),
+    criteria=(
+        Criterion("probability", True, "0.962 that every effect is there, 0.9 needed"),
+        Criterion("held-out misfit", False, "1.42 of what noise and a usual model error make, 1 at most"),
+        Criterion("plausible values", True, "all nuisance parameters are near their priors"),
     ),
     rivals=(
         Rival(("hinge_backlash",), 0.968, -120.4, 0.008),
@@ -188,7 +186,7 @@ TOO_LITTLE = replace(
     grade="not enough data",
     probability=None,
     sentence="Two conditions without repeats allow no answer.",
-    **dict.fromkeys(("located", "cells", "effects", "gates", "rivals", "not_seen", "unexplained", "overlays", "found_effects"), ()),
+    **dict.fromkeys(("located", "cells", "effects", "criteria", "rivals", "not_seen", "unexplained", "overlays", "found_effects"), ()),
     **{name: {} for name in ("fit", "held_out", "valley", "believed_values", "settings")},
     next_experiment=None,
 )

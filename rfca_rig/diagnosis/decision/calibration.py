@@ -45,6 +45,7 @@ class Feature:
 
 
 FEATURES = (
+    Feature("log_bayes_factor", 0.0, float(np.log(1000.0)), 1),
     Feature("held_out_ratio", 0.0, 1.5, 1),
     Feature("scale_ratio", 0.0, 2.0, 1),
     Feature("explained_share", 0.0, 1.0, 1),
@@ -78,6 +79,7 @@ def features_of(support: Support) -> Floats:
 def support_values(support: Support) -> dict[str, float]:
     """The support as plain numbers, as `diagnosis.json` keeps it for a later calibration."""
     return {
+        "log_bayes_factor": float(np.log1p(max(support.log_bayes_factor, 0.0))),
         "held_out_ratio": support.held_out_ratio,
         "scale_ratio": support.scale_ratio,
         "log_scale": float(np.log(support.scale)),

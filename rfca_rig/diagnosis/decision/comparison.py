@@ -26,6 +26,7 @@ Integers = NDArray[np.intp]
 
 VARIES_BY = 0.5  # prior standard deviation, as a share, of an effect's size from one group of observations to the next
 INFORMATIVE = 0.5  # of that: a group whose own size stays less certain says nothing about the variation
+AS_GOOD = 3.0  # log posterior odds within which the data do not tell two effects apart
 WORTH_ADDING = 0.1  # share of the held-out misfit that an effect must remove to be part of the explanation
 
 
@@ -81,6 +82,8 @@ class Support:
         The effect, or the members of the family.
     rival
         The best set of effects that has none of them.
+    log_bayes_factor
+        Log of the posterior odds of the best explanation against the rival, the discrepancy scale of both integrated out.
     held_out_ratio
         Median over conditions of log(rms of the rival / rms with the effect), both on held-out conditions.
     scale_ratio
@@ -104,6 +107,7 @@ class Support:
 
     ids: tuple[str, ...]
     rival: tuple[str, ...]
+    log_bayes_factor: float
     held_out_ratio: float
     scale_ratio: float
     scale: float
@@ -140,6 +144,12 @@ class Comparison:
         """The hypothesis with this fit. Raises StopIteration where it is none of the search."""
         return next(one for one in self.ranked if one.hypothesis.fitted is hypothesis.fitted)
 
+    def as_good_as(self, name: str) -> tuple[str, ...]:
+        """The effects that could take the place of one effect of the best explanation as well, the others kept."""
+        kept = set(self.best.ids) - {name}
+        swapped = [one for one in self.ranked if len(one.ids) == len(self.best.ids) and kept < set(one.ids) and name not in one.ids]
+        return tuple(sorted({other for one in swapped if self.best.log_joint - one.log_joint < AS_GOOD for other in set(one.ids) - kept}))
+
     def without(self, ids: Collection[str]) -> ScaledHypothesis:
         """The most probable hypothesis that has none of these effects."""
         return next(one for one in self.ranked if not set(one.ids) & set(ids))
@@ -172,6 +182,7 @@ class Comparison:
         return Support(
             ids=tuple(ids),
             rival=rival.ids,
+            log_bayes_factor=best.log_joint - rival.log_joint,
             held_out_ratio=float(np.median(np.log(rival.held_out_rms / best.held_out_rms))),
             scale_ratio=float(np.log(rival.scale / best.scale)),
             scale=best.scale,

@@ -1,182 +1,248 @@
-"""From the weighed hypotheses to a verdict: which name may be printed, with what probability, and what it cannot be told from."""
+"""From compared hypotheses to a graded answer.
 
-from collections.abc import Sequence
+1. `compare` integrates the discrepancy scale out of every hypothesis; the best explanation is the most probable one whose effects all
+   improve held-out conditions.
+2. Each of its effects, with those that explain the data as well, and each of their families gets a calibrated probability.
+3. The grade follows from three numbers: these probabilities, the held-out misfit of the explanation in units of noise and usual model
+   error, and the distance of its nuisance parameters from their priors.
+
+==================  ================================================================================================================
+`identified`        every effect has a probability of SURE, the held-out misfit is as small as models usually leave, and no nuisance
+                    parameter is implausible
+`mostly`            every stated effect has a probability of STATED
+`family`            one family has a probability of STATED
+`nothing missing`   nothing is stated, and the model without effects predicts held-out conditions as well as models usually do
+`unexplained`       otherwise
+==================  ================================================================================================================
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit, logsumexp
+from scipy.special import logsumexp
 
-from rfca_rig.diagnosis.decision.acceptance import AS_USUAL, ONE_VALUE, acceptance_tests, at_usual_error, describe_strain, left_out
-from rfca_rig.diagnosis.decision.comparison import Comparison, compare
-from rfca_rig.diagnosis.decision.grade import Statement, Supported, describe_effect, state, support_of_best
+from rfca_rig.diagnosis.decision.calibration import Kind, calibration_of, support_values
+from rfca_rig.diagnosis.decision.comparison import Comparison, ScaledHypothesis, compare
+from rfca_rig.diagnosis.decision.sizes import estimate_sizes
 from rfca_rig.diagnosis.inference.hypotheses import PRIOR_UNKNOWN, Hypothesis, ModelSelectionResult
-from rfca_rig.diagnosis.likelihood.cross_validation import MAX_LOO_RMS
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import GOOD_FIT
-from rfca_rig.diagnosis.result import Gate, Grade, NamedEffect, Rival, Verdict
-from rfca_rig.model.families import related
+from rfca_rig.diagnosis.likelihood.laplace import laplace_posterior
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import IMPLAUSIBLE, MarginalPosterior
+from rfca_rig.diagnosis.result import Criterion, Grade, NamedEffect, Rival, StatedFamily, Verdict
+from rfca_rig.model.families import families_of, related
 
-CLEARLY_NEEDED = 120.0  # log evidence that a second effect adds to one that fits well: less, and the first law may be a little off
-AS_GOOD = 3.0  # log evidence within which these data do not tell two effects apart
-SURE = 0.9
-LARGEST_CLASS = 5
+SURE, STATED = 0.9, 0.8  # calibrated probabilities of an effect that is identified, and of one that is stated
+AS_USUAL = 1.0  # held-out rms in units of noise and usual model error
+LARGEST_CLASS = 5  # effects that explain the data equally well: of more, none is stated
 # Share of what it explains that the law of a right effect may leave: friction laws of real gears are right to 20 to 40 % of themselves, so
 # a second law of the same family that leaves less could be the true one.
 LAW_ERROR = 0.2
+MOST_RIVALS = 12  # hypotheses that are listed
 UNKNOWN = ("unknown",)
 
 
 @dataclass(frozen=True)
-class Decision:
-    """The verdict on one body of evidence: the hypothesis that is accepted (nothing missing if none is), and why."""
+class Supported:
+    """One effect, or family, with its calibrated probability and the numbers that this rests on."""
 
-    verdict: Verdict
-    accepted: Hypothesis
-    effects: tuple[NamedEffect, ...]
-    gates: tuple[Gate, ...]
-    rivals: tuple[Rival, ...]
-    suspected: Hypothesis | None
-    probability_nothing: float
-    statement: Statement | None = None
+    kind: Kind
+    id: str
+    probability: float
+    values: Mapping[str, float]
+    cannot_tell_from: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The graded answer about one set of observations.
+
+    Parameters
+    ----------
+    grade
+        What is stated.
+    explanation
+        The hypothesis behind the statement, with the posterior at its own discrepancy scale; the one without effects where nothing is
+        stated.
+    closest
+        The best explanation where it is not stated as a whole; None where no hypothesis beats the one without effects.
+    effects, family
+        What is stated. A family is given beside effects, too.
+    probability
+        That of the statement: the least of its effects, or that of the family; for the other grades that something is, or is not, missing.
+    explained_share
+        Share of the removable held-out misfit that the explanation removes.
+    criteria
+        What `identified` asks for, with what was found.
+    rivals
+        All hypotheses with their relative probabilities, most probable first.
+    supported
+        The effects and families of the best explanation.
+    """
+
+    grade: Grade
+    explanation: Hypothesis
+    closest: Hypothesis | None = None
+    effects: tuple[NamedEffect, ...] = ()
+    family: StatedFamily | None = None
+    probability: float = 1.0
+    explained_share: float = 1.0
+    criteria: tuple[Criterion, ...] = ()
+    rivals: tuple[Rival, ...] = ()
     supported: tuple[Supported, ...] = ()
 
     @property
-    def grade(self) -> Grade:
-        """What is stated."""
-        if self.verdict == "named":
-            return "identified"
-        return self.verdict if self.statement is None else self.statement.grade
-
-    @property
-    def explanation(self) -> Hypothesis:
-        """The hypothesis behind the statement, nothing missing where nothing is stated."""
-        return self.accepted if self.statement is None else self.statement.explanation
+    def verdict(self) -> Verdict:
+        """The grade in the words of rfca-diagnosis/1."""
+        if self.grade == "identified":
+            return "named"
+        return "unexplained" if self.grade == "mostly" or self.grade == "family" else self.grade  # noqa: PLR1714  (narrows the type)
 
     @property
     def suspects(self) -> frozenset[str]:
-        """The effects that no detection limit may exclude: those of the explanation and, where its law is approximate, of its families."""
-        if self.verdict != "unexplained":
-            return frozenset(self.accepted.ids).union(*(effect.cannot_tell_from for effect in self.effects))
-        closest = (*self.explanation.ids, *(self.suspected.ids if self.suspected is not None else ()))
-        return frozenset(closest) | related(closest)
-
-    @property
-    def stated(self) -> tuple[NamedEffect, ...]:
-        """The effects that are stated, at whatever grade."""
-        return self.effects if self.statement is None else self.statement.effects
+        """The effects that no detection limit may exclude: those stated or closest and, where a law is approximate, their families."""
+        stated = frozenset(self.explanation.ids).union(*(effect.cannot_tell_from for effect in self.effects))
+        if self.grade in ("identified", "nothing missing"):
+            return stated
+        close = stated.union(() if self.closest is None else self.closest.ids)
+        return close | related(close)
 
 
-def decide(found: ModelSelectionResult, candidates: int) -> Decision:
-    """The verdict, and what can be stated where no law holds to the usual model error.
+def decide(found: ModelSelectionResult) -> Decision:
+    """What can be stated, and how surely.
 
     Parameters
     ----------
     found
         What the search left.
-    candidates
-        How many effects were looked for.
     """
     comparison = compare(found)
-    decision = _decide_strictly(comparison, candidates)
-    supported = support_of_best(comparison)
-    statement = state(comparison, supported) if decision.verdict == "unexplained" else None
-    if statement is not None:
-        statement = replace(statement, effects=_with_family_rivals(statement.effects, comparison))
-    return replace(decision, statement=statement, supported=supported, effects=_with_family_rivals(decision.effects, comparison))
+    return decide_from(comparison, support_of_best(comparison))
 
 
-def _with_family_rivals(effects: Sequence[NamedEffect], comparison: Comparison) -> tuple[NamedEffect, ...]:
-    """The stated effects; they cannot be told from laws of the same family that are wrong by no more than laws usually are, or than they
-    are themselves.
-    """
-    others = {effect.id for effect in effects}
-    own = next((comparison.law_error(one) for one in comparison.ranked if set(one.ids) == others), LAW_ERROR)
+def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decision:
+    """The same from the compared hypotheses and the support of the best explanation's effects and families."""
+    found, rivals = comparison.result, rank_rivals(comparison)
+    of_effects = {one.id: one for one in supported if one.kind == "effect"}
+    sure = {one.id for one in of_effects.values() if one.probability >= STATED and len(one.cannot_tell_from) < LARGEST_CLASS}
+    explanation = next((one for one in comparison.ranked if sure and set(one.ids) == sure), None)
+    best = at_own_scale(comparison, comparison.best)
+    family = _best_family(comparison, supported)
+    is_family = family is not None and family.probability >= STATED
+    criteria = _criteria(explanation or comparison.best, [of_effects[name] for name in (explanation or comparison.best).ids])
+    decision = Decision(
+        "unexplained", found.nothing, best if best.ids else None, criteria=criteria, rivals=rivals, supported=tuple(supported)
+    )
+    if explanation is not None:
+        is_exact = all(criterion.passed for criterion in criteria)
+        effects = tuple(_describe_effect(comparison, explanation, number, of_effects[name]) for number, name in enumerate(explanation.ids))
+        return replace(
+            decision,
+            grade="identified" if is_exact else "mostly",
+            explanation=at_own_scale(comparison, explanation),
+            closest=None if explanation is comparison.best else best,
+            effects=effects,
+            family=family if is_family else None,
+            probability=min(effect.probability for effect in effects),
+            explained_share=comparison.explained_share(explanation),
+        )
+    if family is not None and is_family:
+        share = comparison.explained_share(comparison.best)
+        return replace(decision, grade="family", explanation=best, family=family, probability=family.probability, explained_share=share)
+    nothing = _probability(rivals, ())
+    if _is_adequate(comparison.nothing) and _probability(rivals, UNKNOWN) < 0.5:
+        return replace(decision, grade="nothing missing", probability=nothing / (nothing + _probability(rivals, UNKNOWN)))
+    return replace(decision, probability=1.0 - nothing)
+
+
+def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
+    """The support of every effect of the best explanation, and of every family that one of them belongs to."""
     found = []
-    for effect in effects:
-        kept = others - {effect.id}
-        swapped = [one for one in comparison.ranked if len(one.ids) == len(others) and kept <= set(one.ids)]
-        rivals = {name for one in swapped if comparison.law_error(one) <= max(LAW_ERROR, own) for name in set(one.ids) - others}
-        alike = sorted((rivals & related((effect.id,))) | set(effect.cannot_tell_from))
-        found.append(replace(effect, cannot_tell_from=tuple(alike)))
+    for effect_id in comparison.best.ids:
+        alike = comparison.as_good_as(effect_id)
+        support = comparison.support((effect_id, *alike))
+        found.append(Supported("effect", effect_id, calibration_of("effect").probability(support), support_values(support), alike))
+    families = {family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)}
+    for family in families.values():
+        support = comparison.support(tuple(sorted(family.members)))
+        found.append(Supported("family", family.id, calibration_of("family").probability(support), support_values(support)))
     return tuple(found)
 
 
-def _decide_strictly(comparison: Comparison, candidates: int) -> Decision:
-    """The verdict where a law must hold to the usual model error.
-
-    Where the likeliest hypothesis fails a gate, the simpler ones inside it are asked: what is surely there keeps its name though a
-    partner is refused.
-    """
-    found = comparison.result
-    rivals = _rivals(found)
-    nothing = _probability(rivals, ())
-    best = _simplest(found, candidates)
-    if best is None or nothing > 0.5:
-        gates = _gates_of_nothing(found)
-        verdict: Verdict = "nothing missing" if all(gate.passed for gate in gates) else "unexplained"
-        return Decision(verdict, found.nothing, (), gates, rivals, None, nothing)
-    attempts = [_attempt(comparison, h, candidates, rivals, nothing) for h in (best, *_inside(found, best))]
-    return next((attempt for attempt in attempts if attempt.verdict == "named"), attempts[0])
-
-
-def _inside(found: ModelSelectionResult, best: Hypothesis) -> list[Hypothesis]:
-    return [h for h in found.named if set(h.ids) < set(best.ids)]
-
-
-def _attempt(comparison: Comparison, best: Hypothesis, candidates: int, rivals: tuple[Rival, ...], nothing: float) -> Decision:
-    """The verdict if this hypothesis is the one."""
-    found = comparison.result
-    classes = [_class_of(found, best, number) for number in range(len(best.ids))]
-    probability = _class_probability(rivals, best, classes)
-    gates = (
-        *acceptance_tests(found, best, candidates),
-        Gate("probability", probability >= SURE, f"{probability:.3f} that it is this or one of its class, {SURE:g} needed"),
-        Gate("told apart", max(map(len, classes)) <= LARGEST_CLASS, f"as good are {max(map(len, classes))} others at most"),
-    )
-    if nothing <= 0.1 and all(gate.passed for gate in gates):
-        return Decision("named", best, _named(comparison, best, classes, probability, gates), gates, rivals, None, nothing)
-    unproven = nothing > 0.1 or not gates[0].passed
-    adequate = _is_likelier(found, rivals) if unproven else _is_adequate(found)
-    verdict: Verdict = "nothing missing" if adequate and not describe_strain(found.nothing) else "unexplained"
-    return Decision(verdict, found.nothing, (), gates, rivals, best, _nothing_or_unknown(found))
-
-
-def _gates_of_nothing(found: ModelSelectionResult) -> tuple[Gate, ...]:
-    """What a model must stand that no effect makes likelier, before it is said to lack nothing."""
-    strained, apart = describe_strain(found.nothing), _apart(found)
-    foretold = f"conditions are foretold from the others to {apart:.2f} of what a usual model error explains"
+def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Criterion, ...]:
+    """What a hypothesis must meet to be identified."""
+    least = min((effect.probability for effect in supported), default=0.0)
+    misfit, strained = float(np.median(one.held_out_rms)), describe_strain(one.hypothesis)
     return (
-        Gate("plausible", not strained, strained or "all values within what is plausible"),
-        Gate("foretells", apart <= MAX_LOO_RMS, foretold),
+        Criterion("probability", least >= SURE, f"{least:.3f} that every effect is there, {SURE:g} needed"),
+        Criterion("held-out misfit", misfit <= AS_USUAL, f"{misfit:.2f} of what noise and a usual model error make, {AS_USUAL:g} at most"),
+        Criterion("plausible values", not strained, strained or "all nuisance parameters are near their priors"),
     )
 
 
-def _is_likelier(found: ModelSelectionResult, rivals: Sequence[Rival]) -> bool:
-    """Whether the model without effects is likelier than something unlisted, and some explanation."""
-    return _probability(rivals, UNKNOWN) < 0.5 and _apart(found) <= MAX_LOO_RMS
+def _is_adequate(nothing: ScaledHypothesis) -> bool:
+    """Whether the model without effects errs no more than models do, on held-out conditions too, with plausible nuisance parameters."""
+    return float(np.median(nothing.held_out_rms)) <= AS_USUAL and not describe_strain(nothing.hypothesis)
 
 
-def _is_adequate(found: ModelSelectionResult) -> bool:
-    """Whether the model without effects errs no more than models do, in the conditions that it was fitted to and in those left out."""
-    return found.nothing.judgement.error < GOOD_FIT and _apart(found) <= AS_USUAL
+def describe_strain(hypothesis: Hypothesis) -> str:
+    """The nuisance parameters that had to leave what is plausible, in words; empty where none had to."""
+    names, x = hypothesis.fitted.coordinates.space.names, hypothesis.fitted.x
+    return "; ".join(f"{name} {z:+.1f} prior standard deviations off" for name, z in zip(names, x, strict=False) if abs(z) > IMPLAUSIBLE)
 
 
-def _apart(found: ModelSelectionResult) -> float:
-    """How well the model without effects foretells conditions, as `left_out` has it; 0 where they are too few to tell."""
-    apart = left_out(found, found.nothing)
-    return float(apart.mean()) if len(apart) > 2 else 0.0
+def _best_family(comparison: Comparison, supported: Sequence[Supported]) -> StatedFamily | None:
+    """The most probable family of the best explanation's effects; the larger one of two that are as probable, which says less."""
+    known = {family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)}
+    ranked = [(one.probability, len(known[one.id].members), one.id) for one in supported if one.kind == "family"]
+    if not ranked:
+        return None
+    probability, _, name = max(ranked)
+    family = known[name]
+    return StatedFamily(name, family.words, family.place, probability, tuple(sorted(family.members)))
 
 
-def _nothing_or_unknown(found: ModelSelectionResult) -> float:
-    """The probability of nothing missing where what has a name was refused one: only something unlisted is left beside it."""
-    return float(expit(found.nothing.log_joint - found.unknown.log_evidence - np.log(PRIOR_UNKNOWN)))
+def at_own_scale(comparison: Comparison, one: ScaledHypothesis) -> Hypothesis:
+    """The hypothesis with the posterior at its own most probable discrepancy scale."""
+    hypothesis, measured = one.hypothesis, comparison.result.evidence.rows.measured
+    posterior = laplace_posterior(hypothesis.fitted.linear(measured), one.whitening)
+    judgement = MarginalPosterior(hypothesis.judgement.log_evidence, one.scale, posterior, one.whitening)
+    return replace(hypothesis, judgement=judgement)
 
 
-def _rivals(found: ModelSelectionResult) -> tuple[Rival, ...]:
-    """All hypotheses with their probabilities, most probable first; variants of one effect are one."""
+def _describe_effect(comparison: Comparison, one: ScaledHypothesis, number: int, supported: Supported) -> NamedEffect:
+    """One stated effect with its sizes, and those that the data cannot tell it from."""
+    effect = one.hypothesis.fitted.coordinates.choices[number].effect
+    parameters, shape = estimate_sizes(comparison, at_own_scale(comparison, one), number)
+    return NamedEffect(
+        id=effect.id,
+        left_out=effect.left_out,
+        probability=min(supported.probability, 0.999),
+        parameters=parameters,
+        shape=shape,
+        cannot_tell_from=tuple(sorted({*supported.cannot_tell_from, *_family_rivals(comparison, one, effect.id)})),
+        wording=f"the law is off by about {100.0 * comparison.law_error(one):.0f} % of what it explains",
+    )
+
+
+def _family_rivals(comparison: Comparison, one: ScaledHypothesis, name: str) -> set[str]:
+    """Effects of the same family that could take its place, and whose law is wrong by no more than laws usually are, or than its own."""
+    kept, most = set(one.ids) - {name}, max(LAW_ERROR, comparison.law_error(one))
+    swapped = [rival for rival in comparison.ranked if len(rival.ids) == len(one.ids) and kept <= set(rival.ids)]
+    others = {other for rival in swapped if comparison.law_error(rival) <= most for other in set(rival.ids) - set(one.ids)}
+    return others & related((name,))
+
+
+def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
+    """All sets of effects with their relative probabilities, most probable first; variants of one effect are one.
+
+    "Nothing missing" allows the model its usual error only, "unknown" a larger one; a set with effects is free to err as it does.
+    """
     joint: dict[tuple[str, ...], list[tuple[float, float, float]]] = {}
-    for h in (found.nothing, *found.named):
-        joint.setdefault(tuple(sorted(h.ids)), []).append((h.log_joint, h.judgement.log_evidence, h.judgement.error))
-    unknown = found.unknown
+    for one in comparison.ranked:
+        if one.ids:
+            joint.setdefault(tuple(sorted(one.ids)), []).append((one.log_joint, one.log_joint - one.hypothesis.log_prior, one.scale))
+    nothing, unknown = comparison.result.nothing, comparison.result.unknown
+    joint[()] = [(nothing.log_joint, nothing.judgement.log_evidence, nothing.judgement.error)]
     joint[UNKNOWN] = [(unknown.log_evidence + float(np.log(PRIOR_UNKNOWN)), unknown.log_evidence, unknown.error)]
     logs = {ids: float(logsumexp([entry[0] for entry in entries])) for ids, entries in joint.items()}
     total = float(logsumexp(list(logs.values())))
@@ -185,53 +251,37 @@ def _rivals(found: ModelSelectionResult) -> tuple[Rival, ...]:
 
 
 def _probability(rivals: Sequence[Rival], ids: tuple[str, ...]) -> float:
-    return next((rival.probability for rival in rivals if rival.ids == tuple(sorted(ids))), 0.0)
+    return next(rival.probability for rival in rivals if rival.ids == ids)
 
 
-def _simplest(found: ModelSelectionResult, candidates: int) -> Hypothesis | None:
-    """The best hypothesis each of whose members is needed; None where none was fitted.
+def join_decisions(forces: Decision, shaft: Decision) -> Decision:
+    """The answer about the forces and the shaft's own motion together, as if independent: the weaker of what is stated.
 
-    A further effect is hardly needed where the model errs no more than usual without it and no nuisance is strained: what it adds may be
-    the law of the first being not quite the real one.
+    It is "mostly" where one of the two stays unexplained. The explanation is that of the forces.
     """
-    needed = 3.0 + float(np.log(max(candidates, 1)))
-    for hypothesis in found.named:
-        if all(_adds(found, hypothesis, part, needed) for part in found.named if set(part.ids) < set(hypothesis.ids)):
-            return hypothesis
-    return None
-
-
-def _adds(found: ModelSelectionResult, hypothesis: Hypothesis, part: Hypothesis, needed: float) -> bool:
-    """Whether it says so much more than its part."""
-    enough = hypothesis.judgement.log_evidence - part.judgement.log_evidence >= needed
-    if not enough or not part.judgement.fits_well(part.fitted.coordinates.nuisances):
-        return enough
-    return at_usual_error(found, hypothesis) - at_usual_error(found, part) >= CLEARLY_NEEDED
-
-
-def _class_of(found: ModelSelectionResult, best: Hypothesis, number: int) -> tuple[str, ...]:
-    """The effects that could stand in the place of one of the hypothesis's, the others kept."""
-    others = set(best.ids) - {best.ids[number]}
-    in_its_place = [h for h in found.named if len(h.ids) == len(best.ids) and others <= set(h.ids)]
-    good = [h for h in in_its_place if _is_as_good(found, h, best)]
-    return tuple(sorted({name for h in good for name in h.ids} - set(best.ids)))
-
-
-def _is_as_good(found: ModelSelectionResult, rival: Hypothesis, best: Hypothesis) -> bool:
-    """Whether these data do not tell them apart, or would not if the model erred by as much as models do."""
-    behind = best.judgement.log_evidence - rival.judgement.log_evidence
-    return min(behind, at_usual_error(found, best) - at_usual_error(found, rival)) < AS_GOOD
-
-
-def _class_probability(rivals: Sequence[Rival], best: Hypothesis, classes: Sequence[tuple[str, ...]]) -> float:
-    """That each place is taken by the name or one of its class; larger hypotheses that hold them agree with it."""
-    allowed = [{name, *others} for name, others in zip(best.ids, classes, strict=True)]
-    return sum(r.probability for r in rivals if len(r.ids) >= len(best.ids) and all(set(r.ids) & names for names in allowed))
-
-
-def _named(
-    comparison: Comparison, best: Hypothesis, classes: Sequence[tuple[str, ...]], probability: float, gates: Sequence[Gate]
-) -> tuple[NamedEffect, ...]:
-    varies = "; ".join(gate.found for gate in gates if gate.name.startswith(ONE_VALUE))
-    words = f"all acceptance tests passed; {varies}"
-    return tuple(describe_effect(comparison, best, number, probability, others, words) for number, others in enumerate(classes))
+    each, grades = (forces, shaft), {forces.grade, shaft.grade}
+    stated = [one for one in each if one.grade in ("identified", "mostly", "family")]
+    if "identified" in grades and grades <= {"identified", "nothing missing"}:
+        grade: Grade = "identified"
+    elif forces.effects or shaft.effects:
+        grade = "mostly"
+    else:
+        grade = next(one for one in ("family", "unexplained", "nothing missing") if one in grades)
+    nothing = float(np.prod([one.probability if one.grade == "nothing missing" else 1.0 - one.probability for one in each]))
+    pairs = [(a, b) for a in forces.rivals[:MOST_RIVALS] for b in shaft.rivals[:MOST_RIVALS]]
+    rivals = [
+        Rival((*a.ids, *b.ids), a.probability * b.probability, a.log_evidence + b.log_evidence, max(a.model_error, b.model_error))
+        for a, b in pairs
+    ]
+    return Decision(
+        grade=grade,
+        explanation=forces.explanation,
+        closest=next((one.closest for one in each if one.closest is not None), None),
+        effects=(*forces.effects, *shaft.effects),
+        family=next((one.family for one in each if one.family is not None), None),
+        probability=min(one.probability for one in stated) if stated else (nothing if grade == "nothing missing" else 1.0 - nothing),
+        explained_share=min((one.explained_share for one in stated), default=1.0),
+        criteria=tuple(criterion for one in each if one.grade != "nothing missing" for criterion in one.criteria),
+        rivals=tuple(sorted(rivals, key=lambda rival: -rival.probability)),
+        supported=(*forces.supported, *shaft.supported),
+    )

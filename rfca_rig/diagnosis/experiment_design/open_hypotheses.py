@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 PLAUSIBLE = 0.01  # a hypothesis less probable than this is not worth an experiment
 MOST = 5
-HEARD = 0.05  # every one that is left open counts this much at least: a gate refused the likeliest
+HEARD = 0.05  # every one that is left open counts this much at least: the likeliest was not stated
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ def contest_of(found: ModelSelectionResult, decision: Decision, enough: bool) ->
     """What is open after a decision; None where all is said. Without `enough` conditions everything stays open."""
     if not enough:
         return _contest(found, _ranked((found.nothing, *found.named))[:MOST])
-    if decision.verdict == "named":
+    if decision.grade == "identified":
         return _contest(found, _same_class(found, decision))
-    if decision.verdict == "nothing missing" and decision.probability_nothing >= SURE:
+    if decision.grade == "nothing missing" and decision.probability >= SURE:
         return None
     return _contest(found, _plausible(found, decision))
 
@@ -59,7 +59,7 @@ def _ranked(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
 
 def _same_class(found: ModelSelectionResult, decision: Decision) -> list[Hypothesis]:
     """The accepted one, and those in which one effect stands for another that explains the data as well."""
-    accepted = decision.accepted
+    accepted = decision.explanation
     others = {name for effect in decision.effects for name in effect.cannot_tell_from}
     if not others:
         return []
@@ -69,9 +69,9 @@ def _same_class(found: ModelSelectionResult, decision: Decision) -> list[Hypothe
 
 
 def _plausible(found: ModelSelectionResult, decision: Decision) -> list[Hypothesis]:
-    """The likely ones and what was suspected; where that is one alone, the next best as well."""
+    """The likely ones and the closest; where that is one alone, the next best as well."""
     ranked = _ranked((found.nothing, *found.named))
     probability = softmax([h.log_joint for h in ranked])
-    suspected = decision.suspected.ids if decision.suspected else None
-    kept = [h for h, p in zip(ranked, probability, strict=True) if p >= PLAUSIBLE or h.ids == suspected]
+    closest = decision.closest.ids if decision.closest else decision.explanation.ids
+    kept = [h for h, p in zip(ranked, probability, strict=True) if p >= PLAUSIBLE or h.ids == closest]
     return (kept if len(kept) > 1 else ranked[:2])[:MOST]

@@ -13,7 +13,7 @@ from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.pendulums.candidates import candidates_of, own_effects
 from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum
-from rfca_rig.diagnosis.pendulums.result import build_result
+from rfca_rig.diagnosis.pendulums.result import build_pendulum_result
 from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, pendulum_dataset, stretches_of
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.model.effect import Effect
@@ -30,7 +30,7 @@ def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: C
     problem = swings_of(campaign, WINDOW_S, BIN_S)
     found, effects = search_pendulum(problem, progress, without)
     progress("summing up", 0.97)
-    diagnosis = build_result(campaign, found, decide(found, len(effects)), effects)
+    diagnosis = build_pendulum_result(campaign, found, decide(found), effects)
     _, refused = own_effects(campaign.pendulum)
     not_tried = tuple(f"not looked for: {why}" for effect_id, why in refused.items() if effect_id not in without)
     return replace(diagnosis, remarks=(*diagnosis.remarks, *describe_exclusions(without), *not_tried))

@@ -1,0 +1,156 @@
+"""The answer about a leg: forces and shaft together, with valleys, place, remarks and next experiment beside it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rfca_rig.analysis.counterpart import GRID_S, LONGER
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.phases import Refused
+from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.diagnosis.decision.decide import Decision, join_decisions
+from rfca_rig.diagnosis.experiment_design.next_experiment import next_experiment
+from rfca_rig.diagnosis.figures import overlays
+from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
+from rfca_rig.diagnosis.leg.shaft_observations import late_s, turns_as_commanded
+from rfca_rig.diagnosis.leg.strokes import BOUNDED, FlapCondition
+from rfca_rig.diagnosis.residual_force.free_form import free_form, place_of
+from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch, lone_channel
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, StatedPlace
+from rfca_rig.diagnosis.result_builder import build_result, not_enough_data, nuisance_values, present_effects
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.effect import Effect
+from rfca_rig.model.stroke import stroke_following
+from rfca_rig.protocol.plan import Limits
+
+if TYPE_CHECKING:
+    from rfca_rig.diagnosis.diagnose import Findings, PreparedData
+
+FEWEST_CONDITIONS = 3
+SHOWS = 3.0  # standard deviations
+DYNAMIC = "dynamic"
+
+
+def build_leg_result(body: "PreparedData", verdicts: "Findings", effects: Sequence[Effect], limits: Limits | None) -> Diagnosis:
+    """The whole answer; `limits` are those of the rig that the next experiment is for, where one is known."""
+    leg, decision = verdicts.leg, verdicts.leg_decision
+    enough = len(body.flaps) >= FEWEST_CONDITIONS
+    if not enough:
+        decision = not_enough_data(leg, f"{len(body.flaps)} usable conditions, {FEWEST_CONDITIONS} are needed")
+    elif verdicts.drive_decision is not None:
+        decision = join_decisions(decision, verdicts.drive_decision)
+    result = build_result(body.title, leg, decision, effects, DYNAMIC)
+    if enough:
+        result = _with_drive(result, decision, verdicts)
+    place, free_text = _free_form(decision, verdicts)
+    after = replace(decision.explanation.fitted.coordinates.supposed(decision.explanation.judgement.posterior.mean), rig=result.found_rig)
+    has_drive = any(effect.id not in decision.explanation.ids for effect in result.found_effects)
+    return replace(
+        result,
+        valley=valley_errors(body.flaps, leg.believed.coordinates.supposed(leg.believed.x), after, has_drive),
+        unexplained=(*result.unexplained, *free_text),
+        remarks=(*body.remarks, *_remarks(body, leg), *_late(body, verdicts)),
+        next_experiment=next_experiment(body, verdicts, enough, limits),
+        settings={
+            **result.settings,
+            "conditions": len(body.flaps),
+            "scatter_between_strokes": dict(leg.scatter.std),
+            "shaft": "as commanded" if body.as_commanded else "as recorded",
+        },
+        place=place,
+    )
+
+
+def _with_drive(result: Diagnosis, decision: Decision, verdicts: "Findings") -> Diagnosis:
+    """The answer with what the shaft's own motion shows: its places, curves, and the drive's effects in the model found."""
+    drive, of_drive = verdicts.drive, verdicts.drive_decision
+    if drive is None or of_drive is None:
+        return result
+    cells, places = locate_mismatch(drive.evidence.rows, drive.believed, drive.judge)
+    found = present_effects(of_drive.explanation) if of_drive.effects else ()
+    rig = result.found_rig
+    if found:
+        rig = replace(rig, drive=drive.believed.coordinates.space.centre.rig.drive, effects=(*rig.effects, *found))
+    left = any(one.grade == "unexplained" for one in (verdicts.leg_decision, of_drive)) and decision.grade != "unexplained"
+    return replace(
+        result,
+        sentence=result.sentence + (" Something else remains unexplained." if left else ""),
+        cells=(*result.cells, *cells),
+        located=(*places, *result.located),
+        overlays=(*result.overlays, *overlays(drive, of_drive.explanation, DYNAMIC)),
+        found_effects=(*result.found_effects, *found),
+        found_rig=rig,
+    )
+
+
+def _free_form(decision: Decision, verdicts: "Findings") -> tuple[StatedPlace | None, tuple[str, ...]]:
+    """Where a force that nobody listed would have to act, and its law if it has a plain one: empirical, cause not known."""
+    if decision.grade != "unexplained" or verdicts.leg_decision.grade != "unexplained":
+        return None, ()
+    try:
+        free = free_form(verdicts.leg)
+    except SimulationFailed as error:
+        return None, (f"no free force could be estimated: {error}",)
+    return (None, ()) if free is None else (place_of(free), (free.text,))
+
+
+def _remarks(body: "PreparedData", leg: ModelSelectionResult) -> tuple[str, ...]:
+    alone = lone_channel(leg.evidence.rows, leg.nothing.fitted, leg.judge)
+    channel = (f"only {alone} parts: without it nothing is missing, which speaks for the sensor",) if alone else ()
+    shaft = () if body.as_commanded else ("the shaft did not turn as commanded; the forces are compared along its recorded turn",)
+    return (*channel, *shaft)
+
+
+def _late(body: "PreparedData", verdicts: "Findings") -> tuple[str, ...]:
+    """How late the drive does what it is told, where that shows: a gain that is fitted without it is wrong."""
+    if verdicts.drive_decision is None:
+        if all(turns_as_commanded(shaft) for shaft in body.shafts):
+            return ()
+        late_ms = 1e3 * float(np.mean([late_s(shaft, body.rig.drive.ramp_s) for shaft in body.shafts]))
+        return (f"but for being {late_ms:.1f} ms late the drive does what it is told",)
+    fitted_ms = nuisance_values(verdicts.drive_decision.explanation)["command_delay"]
+    said = f"the drive does what it is told {fitted_ms.value:.1f} ms late (standard deviation {fitted_ms.std:.1f} ms)"
+    return (said,) if fitted_ms.value > SHOWS * fitted_ms.std else ()
+
+
+def valley_errors(flaps: Sequence[FlapCondition], believed: Supposed, after: Supposed, drive_found: bool) -> Mapping[str, BeforeAfter]:
+    """Mean error of the valley in time and force, in percent, as in Table II; the believed shaft turns as commanded.
+
+    With a drive that was found at fault the accepted model makes the shaft's motion itself, otherwise it follows the conditions' turn.
+    """
+    found = [
+        (flap.valley, _valley(flap, believed, True), _valley(flap, after, drive_found))
+        for flap in flaps
+        if not isinstance(flap.valley, Refused)
+    ]
+    whole = [(m, b, a) for m, b, a in found if isinstance(m, Valley) and isinstance(b, Valley) and isinstance(a, Valley)]
+    if not whole:
+        return {}
+    return {
+        "valley_time_error_pct": BeforeAfter(
+            _error([(b.time_s, m.time_s) for m, b, _ in whole]), _error([(a.time_s, m.time_s) for m, _, a in whole])
+        ),
+        "valley_force_error_pct": BeforeAfter(
+            _error([(b.fz_N, m.fz_N) for m, b, _ in whole]), _error([(a.fz_N, m.fz_N) for m, _, a in whole])
+        ),
+    }
+
+
+def _valley(flap: FlapCondition, supposed: Supposed, commanded: bool) -> Valley | Refused:
+    t_s = GRID_S * np.arange(0, int(LONGER * flap.phases.valley_s / GRID_S), dtype=np.float64)
+    turn = replace(flap.turn, recorded=None) if commanded else flap.turn
+    if supposed.rig.effects and commanded:
+        turn = replace(turn, start_rad=None)  # a drive at fault leaves its start by itself
+    try:
+        motion = turn.motion(supposed, float(t_s[-1]))
+        known = t_s <= motion.breaks_s[-1]  # a recorded turn says nothing of the time after it
+        stroke = stroke_following(supposed.rig, flap.height_m + supposed.height_offset_m, motion, t_s[known], BOUNDED)
+    except SimulationFailed as error:
+        return Refused(str(error))
+    return find_valley(stroke.t_s, stroke.fz_N)
+
+
+def _error(pairs: Sequence[tuple[float, float]]) -> float:
+    return float(np.mean([100.0 * abs(simulated - measured) / abs(measured) for simulated, measured in pairs]))
