@@ -49,15 +49,15 @@ def strained(one, x):
 def test_a_law_that_holds_has_one_size_everywhere_and_leaves_noise(gained):
     support = gained.support(("sensor_gain",))
     assert gained.best.ids == ("sensor_gain",) and support.effects == 1
-    assert support.explained_share > 0.95 and support.held_out_ratio > 1.0
+    assert gained.explained_share(gained.best) > 0.95 and support.held_out_ratio > 1.0
     assert max(support.condition_scatter, support.channel_scatter) < 0.05
-    assert support.scale < 0.01 < gained.nothing.scale
+    assert gained.best.scale < 0.01 < gained.nothing.scale and support.log_misfit < 0.0
     assert gained.law_error(gained.best) < 0.2
 
 
 def test_a_law_that_does_not_hold_explains_less_and_leaves_misfit(uneven, gained):
     assert uneven.best.ids == ("sensor_gain",)
-    assert uneven.support(("sensor_gain",)).explained_share < 0.8 < gained.support(("sensor_gain",)).explained_share
+    assert uneven.explained_share(uneven.best) < 0.8 < gained.explained_share(gained.best)
     assert uneven.law_error(uneven.best) > 5.0 * gained.law_error(gained.best)
 
 
@@ -71,13 +71,20 @@ def test_a_size_that_differs_between_conditions_scatters(gained):
     assert gained.condition_scatter(0) < 0.05
 
 
-def test_strain_counts_only_beyond_that_of_the_rival(gained):
-    def strain(of_best, of_rival):
-        ranked = [strained(one, of_best if one.ids == ("sensor_gain",) else of_rival) for one in gained.ranked]
-        return Comparison(gained.result, tuple(ranked)).support(("sensor_gain",)).strain
+def test_strain_is_that_of_the_best_explanation(gained):
+    ranked = tuple(strained(one, 3.0 if one.ids == ("sensor_gain",) else 9.0) for one in gained.ranked)
+    assert Comparison(gained.result, ranked).support(("sensor_gain",)).strain == 3.0
 
-    assert strain(9.0, 6.0) == 9.0
-    assert strain(6.0, 9.0) == 0.0
+
+def test_a_size_at_the_end_of_its_range_does_not_speak_against_the_family(gained):
+    fitted = gained.best.hypothesis.fitted
+    far = replace(gained.best.hypothesis, fitted=replace(fitted, x=np.append(fitted.x[:-1], 3.9)))
+    ranked = tuple(replace(one, hypothesis=far) if one is gained.best else one for one in gained.ranked)
+    bound = {
+        one.kind: one.values["bound"]
+        for one in support_of_best(_with(Comparison(gained.result, ranked), "_signatures", gained._signatures))
+    }
+    assert bound == {"effect": 3.9, "family": 0.0}
 
 
 def test_an_effect_that_relieves_an_implausible_value_is_not_dropped(gained):

@@ -47,9 +47,7 @@ class Feature:
 FEATURES = (
     Feature("log_bayes_factor", 0.0, float(np.log(1000.0)), 1),
     Feature("held_out_ratio", 0.0, 1.5, 1),
-    Feature("scale_ratio", 0.0, 2.0, 1),
-    Feature("explained_share", 0.0, 1.0, 1),
-    Feature("log_scale", float(np.log(0.01)), float(np.log(0.6)), -1),
+    Feature("log_misfit", float(np.log(0.5)), float(np.log(8.0)), -1),
     Feature("condition_scatter", 0.0, 0.6, -1),
     Feature("channel_scatter", 0.0, 0.6, -1),
     Feature("strain", 2.5, 4.0, -1),
@@ -81,9 +79,7 @@ def support_values(support: Support) -> dict[str, float]:
     return {
         "log_bayes_factor": float(np.log1p(max(support.log_bayes_factor, 0.0))),
         "held_out_ratio": support.held_out_ratio,
-        "scale_ratio": support.scale_ratio,
-        "log_scale": float(np.log(support.scale)),
-        "explained_share": support.explained_share,
+        "log_misfit": support.log_misfit,
         "condition_scatter": support.condition_scatter,
         "channel_scatter": support.channel_scatter,
         "strain": support.strain,

@@ -86,18 +86,14 @@ class Support:
         Log of the posterior odds of the best explanation against the rival, the discrepancy scale of both integrated out.
     held_out_ratio
         Median over conditions of log(rms of the rival / rms with the effect), both on held-out conditions.
-    scale_ratio
-        Log(discrepancy scale of the rival / that of the best explanation).
-    scale
-        Discrepancy scale of the best explanation, as a share of the signals.
-    explained_share
-        Share of the removable held-out misfit that the best explanation removes.
+    log_misfit
+        Log of the held-out rms of the best explanation, median over conditions, in units of noise and usual model error.
     condition_scatter, channel_scatter
         Relative standard deviation of the effect's size between conditions and between channels, beyond chance.
     strain
-        The largest distance of a nuisance parameter from its prior mean, in prior standard deviations; 0 where the rival has a larger one.
+        The largest distance of a nuisance parameter from its prior mean, in prior standard deviations.
     bound
-        The largest distance of one of the effect's parameters from the middle of its prior, in prior standard deviations.
+        The largest distance of one of the effect's sizes from the middle of its prior, in prior standard deviations.
     nuisance_shift
         How far the nuisance parameter that does the same as the effect moves where the effect is missing, in prior standard deviations;
         infinite where no nuisance parameter does the same.
@@ -109,9 +105,7 @@ class Support:
     rival: tuple[str, ...]
     log_bayes_factor: float
     held_out_ratio: float
-    scale_ratio: float
-    scale: float
-    explained_share: float
+    log_misfit: float
     condition_scatter: float
     channel_scatter: float
     strain: float
@@ -184,16 +178,20 @@ class Comparison:
             rival=rival.ids,
             log_bayes_factor=best.log_joint - rival.log_joint,
             held_out_ratio=float(np.median(np.log(rival.held_out_rms / best.held_out_rms))),
-            scale_ratio=float(np.log(rival.scale / best.scale)),
-            scale=best.scale,
-            explained_share=self.explained_share(best),
+            log_misfit=float(np.log(np.median(best.held_out_rms))),
             condition_scatter=min(of_conditions for of_conditions, _ in scatter),
             channel_scatter=min(of_channels for _, of_channels in scatter),
-            strain=fitted.farthest if fitted.farthest > rival.hypothesis.fitted.farthest else 0.0,
-            bound=min(float(np.abs(fitted.x[fitted.coordinates.part(number)]).max(initial=0.0)) for number in numbers),
+            strain=fitted.farthest,
+            bound=min(self._farthest_size(number) for number in numbers),
             nuisance_shift=max(self._nuisance_shift(number) for number in numbers),
             effects=len(best.ids),
         )
+
+    def _farthest_size(self, number: int) -> float:
+        """The largest distance of a size of one effect from the middle of its prior; a shape parameter may lie at its bound."""
+        coordinates, x = self.best.hypothesis.fitted.coordinates, self.best.hypothesis.fitted.x
+        sizes = x[coordinates.part(number)][: len(coordinates.choices[number].sizes)]
+        return float(np.abs(sizes).max(initial=0.0))
 
     def _nuisance_shift(self, number: int) -> float:
         """How far the nuisance parameter that does the same as one effect of the best explanation moves where that effect is missing."""

@@ -125,7 +125,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     of_effects = {one.id: one for one in supported if one.kind == "effect"}
     sure = {one.id for one in of_effects.values() if one.probability >= STATED and len(one.cannot_tell_from) < LARGEST_CLASS}
     explanation = next((one for one in comparison.ranked if sure and set(one.ids) == sure), None)
-    best = at_own_scale(comparison, comparison.best)
+    best = at_own_scale(comparison.best)
     family = _best_family(comparison, supported)
     is_family = family is not None and family.probability >= STATED
     criteria = _criteria(explanation or comparison.best, [of_effects[name] for name in (explanation or comparison.best).ids])
@@ -138,7 +138,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
         return replace(
             decision,
             grade="identified" if is_exact else "mostly",
-            explanation=at_own_scale(comparison, explanation),
+            explanation=at_own_scale(explanation),
             closest=None if explanation is comparison.best else best,
             effects=effects,
             family=family if is_family else None,
@@ -163,7 +163,8 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
         found.append(Supported("effect", effect_id, calibration_of("effect").probability(support), support_values(support), alike))
     families = {family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)}
     for family in families.values():
-        support = comparison.support(tuple(sorted(family.members)))
+        # a size at the end of its range speaks against the law, not against its family
+        support = replace(comparison.support(tuple(sorted(family.members))), bound=0.0)
         found.append(Supported("family", family.id, calibration_of("family").probability(support), support_values(support)))
     return tuple(found)
 
@@ -201,18 +202,21 @@ def _best_family(comparison: Comparison, supported: Sequence[Supported]) -> Stat
     return StatedFamily(name, family.words, family.place, probability, tuple(sorted(family.members)))
 
 
-def at_own_scale(comparison: Comparison, one: ScaledHypothesis) -> Hypothesis:
-    """The hypothesis with the posterior at its own most probable discrepancy scale."""
-    hypothesis, measured = one.hypothesis, comparison.result.evidence.rows.measured
-    posterior = laplace_posterior(hypothesis.fitted.linear(measured), one.whitening)
-    judgement = MarginalPosterior(hypothesis.judgement.log_evidence, one.scale, posterior, one.whitening)
-    return replace(hypothesis, judgement=judgement)
+def at_own_scale(one: ScaledHypothesis) -> Hypothesis:
+    """The hypothesis with the posterior at its own most probable discrepancy scale, the usual one at least.
+
+    That this model should err less than others is no knowledge to narrow an interval with.
+    """
+    linear = one.hypothesis.fitted.linear(one.result.evidence.rows.measured)
+    whitening = one.result.judge.level(linear)
+    judgement = MarginalPosterior(one.hypothesis.judgement.log_evidence, one.scale, laplace_posterior(linear, whitening), whitening)
+    return replace(one.hypothesis, judgement=judgement)
 
 
 def _describe_effect(comparison: Comparison, one: ScaledHypothesis, number: int, supported: Supported) -> NamedEffect:
     """One stated effect with its sizes, and those that the data cannot tell it from."""
     effect = one.hypothesis.fitted.coordinates.choices[number].effect
-    parameters, shape = estimate_sizes(comparison, at_own_scale(comparison, one), number)
+    parameters, shape = estimate_sizes(comparison, at_own_scale(one), number)
     return NamedEffect(
         id=effect.id,
         left_out=effect.left_out,

@@ -244,10 +244,13 @@ def _fit_best(state: SearchState, starts: Sequence[Start], coarse: int, full: in
         return state.with_fits(fit for fit in fits if fit is not None)
 
 
-def _fit(descent: GaussNewton, state: SearchState, start: Start, levels: int) -> MapFit | None:
-    """The MAP fit from a start, None where the model has no answer. The nuisances' Jacobian begins as that of the nominal model."""
-    known = state.nominal if descent is state.descent else _restrict(state.nominal, state)
-    here = descent.at(state.nominal.coordinates.with_terms(start.terms), start.x, known.jacobian)
+def _fit(descent: GaussNewton, state: SearchState, start: Start, levels: int, jacobian: Floats | None = None) -> MapFit | None:
+    """The MAP fit from a start, None where the model has no answer.
+
+    The first columns of the Jacobian begin as in `jacobian` (m, k), or as those of the nominal model.
+    """
+    known = (state.nominal if descent is state.descent else _restrict(state.nominal, state)).jacobian if jacobian is None else jacobian
+    here = descent.at(state.nominal.coordinates.with_terms(start.terms), start.x, known)
     return None if here is None else descent.refine(here, levels=levels)
 
 
@@ -305,12 +308,17 @@ def _exchange(state: SearchState, terms: Terms) -> SearchState:
     for base, wanted in (pair for parent in parents for pair in _without_each_part(state, parent, terms)):
         here = _restrict(base, state)
         probes = probe_effects(state.coarse.evidence, here, [term for term in terms if term.effect.id in wanted])
-        starts += _single_starts(_projection(state.coarse, here), probes, here, 1, 0.0)
+        ranked = _single_starts(_projection(state.coarse, here), probes, here, 1, 0.0)
+        best_of_each = {start.terms[-1].effect.id: start for start in reversed(ranked)}
+        starts += [(start, base) for start in best_of_each.values()]
     with ThreadPoolExecutor(THREADS) as pool:
-        found = [fit for fit in pool.map(lambda start: _fit(state.descent, state, start, 5), starts) if fit is not None]
-        found = list(pool.map(state.descent.converge, found))
+        fits = pool.map(lambda pair: _fit(state.descent, state, pair[0], 5, pair[1].jacobian), starts)
+        found = [fit for fit in fits if fit is not None]
+        least = max(map(state.descent.free_log_evidence, (state.best, *found))) - NEAR
+        near = [fit for fit in found if state.descent.free_log_evidence(fit) > least]
+        converged = list(pool.map(state.descent.converge, near))
     done = state.exchanged.union(frozenset(parent.coordinates.choices) for parent in parents)
-    return replace(state.with_fits(found), converged=state.converged.union(found), exchanged=done)
+    return replace(state.with_fits([*found, *converged]), converged=state.converged.union(converged), exchanged=done)
 
 
 def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iterator[tuple[MapFit, frozenset[str]]]:
