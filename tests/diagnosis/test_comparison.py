@@ -80,10 +80,8 @@ def test_a_size_at_the_end_of_its_range_does_not_speak_against_the_family(gained
     fitted = gained.best.hypothesis.fitted
     far = replace(gained.best.hypothesis, fitted=replace(fitted, x=np.append(fitted.x[:-1], 3.9)))
     ranked = tuple(replace(one, hypothesis=far) if one is gained.best else one for one in gained.ranked)
-    bound = {
-        one.kind: one.values["bound"]
-        for one in support_of_best(_with(Comparison(gained.result, ranked), "_signatures", gained._signatures))
-    }
+    compared_far = _with(Comparison(gained.result, ranked), "_signatures", gained._signatures)
+    bound = {one.kind: one.values["bound"] for one in support_of_best(compared_far)}
     assert bound == {"effect": 3.9, "family": 0.0}
 
 

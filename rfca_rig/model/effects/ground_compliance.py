@@ -10,7 +10,7 @@ from rfca_rig.model.laws import NORMAL, LawUse
 from rfca_rig.model.setup import Setup, with_law
 
 AS_THE_GROUND = 1.5
-REFERENCE_M = 1e-3  # depth at which the soft floor pushes as stated, whatever its exponent
+REFERENCE_N = 20.0  # force at which the soft floor yields as stated, whatever its exponent: about what the leg presses in mid-stroke
 ROUNDS = 8  # Newton's at most, in logarithms: to rounding for exponents from 0.5 to 3
 CONVERGED = 1e-7  # of log N: the next step of Newton's, its square, is below rounding
 
@@ -19,7 +19,8 @@ def force(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[float
     """What the two springs in series push more than with an exponent as the ground's; parameter = (stiffness of the ground, of the
     soft floor, of both with that exponent, the soft floor's exponent, damping of an end that enters, of one that leaves).
     """
-    hard, soft, both, exponent = parameter[0], parameter[1] * REFERENCE_M**1.5, parameter[2], parameter[3]
+    hard, both, exponent = parameter[0], parameter[2], parameter[3]
+    reference_m = (REFERENCE_N / parameter[1]) ** (2.0 / 3.0)
     damping = parameter[4] if rate > 0.0 else parameter[5]
     grow = 1.0 + damping * rate
     if grow <= 0.0 or depth <= 0.0:
@@ -28,7 +29,7 @@ def force(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[float
     log_N, softness = np.log(plain), depth
     for _ in range(ROUNDS):
         first = np.exp((log_N - np.log(hard)) * 2.0 / 3.0)
-        second = REFERENCE_M * np.exp((log_N - np.log(soft)) / exponent)
+        second = reference_m * np.exp((log_N - np.log(REFERENCE_N)) / exponent)
         softness = first * 2.0 / 3.0 + second / exponent
         step = np.log((first + second) / depth) * (first + second) / softness
         log_N -= step
@@ -56,7 +57,7 @@ EFFECT = Effect(
     id="ground_compliance",
     where="ground",
     left_out="soft floor",
-    law="N = k b^1.5 (depth / b)^p in series with the believed contact, b = 1 mm, p = 1.5 unless given",
+    law="N = F (depth / b)^p in series with the believed contact, F = 20 N, b = (F / k)^(2/3), p = 1.5 unless given",
     source="Hertz contacts in series; an exponent of 1 for a bed of springs (Winkler), of 2 for a cone (Sneddon 1965)",
     parameters=(Parameter("stiffness_N_per_m1p5", 5000.0, 1000000.0, may_be_zero=False),),
     apply=apply,

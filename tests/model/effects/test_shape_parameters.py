@@ -117,7 +117,7 @@ def test_a_soft_floor_of_any_exponent_yields_besides_the_contact(exponent):
     use = law_of(ground_compliance={"stiffness_N_per_m1p5": 2e4, "exponent": exponent})
     for depth in (1e-7, 1e-4, 3e-3):
         N = use.law(depth, 0.0, (0.0,) * 4, use.parameters)[0] + use.parameters[2] * depth**1.5
-        assert pytest.approx(depth, rel=1e-9) == (N / 1e5) ** (2 / 3) + 1e-3 * (N / (2e4 * 1e-3**1.5)) ** (1 / exponent)
+        assert pytest.approx(depth, rel=1e-9) == (N / 1e5) ** (2 / 3) + (20.0 / 2e4) ** (2 / 3) * (N / 20.0) ** (1 / exponent)
 
 
 def test_a_sensor_zeroed_with_the_leg_on_a_leaning_rig_reads_no_weight_along_y():
