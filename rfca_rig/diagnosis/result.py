@@ -90,7 +90,7 @@ class StatedFamily:
 
 @dataclass(frozen=True)
 class StatedPlace:
-    """Where something unlisted acts: hinges, ground, drive or sensor, in `words`, with its probability."""
+    """Where something unlisted acts: hinges, ground, drive, shaft or sensor, in `words`, with its probability."""
 
     id: str
     words: str

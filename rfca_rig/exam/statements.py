@@ -23,7 +23,7 @@ BINS = 7
 # Of each effect outside the catalogue: the family it belongs to, and the part of the rig where it acts.
 STRANGERS: Mapping[str, tuple[str, str]] = {
     "loose_grub_screw": ("drive_yields", "drive"),
-    "cable_drag": ("", "drive"),
+    "cable_drag": ("", "shaft"),
     "force_cogging": ("", "sensor"),
     "hinge_asymmetry": ("hinge_stiffness", "hinges"),
     "hinge_quadratic_damping": ("hinge_dissipation", "hinges"),

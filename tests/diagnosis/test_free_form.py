@@ -14,7 +14,7 @@ from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.leg.simulator import leg_dataset
 from rfca_rig.diagnosis.leg.strokes import FlapCondition, Turn
 from rfca_rig.diagnosis.residual_force.force_inputs import nominal_conditions, places_of
-from rfca_rig.diagnosis.residual_force.free_form import free_form
+from rfca_rig.diagnosis.residual_force.free_form import FreeForm, free_form, place_of
 from rfca_rig.diagnosis.residual_force.hinge_series import SERIES, SURE_OF_SIGN_RAD_S, series
 from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, SplineBasis, bump_in_turn, forced_stroke, tick, torque
 from rfca_rig.exam.campaign_of import write_campaign
@@ -110,6 +110,29 @@ def test_the_series_is_the_terms_it_is_named_after_and_knows_its_slopes():
     assert found[0] == pytest.approx(values @ named)
     ahead, beside = series(angle + 1e-6, rate, 0.0, 0.0, 0.0, (), values)[0], series(angle, rate + 1e-6, 0.0, 0.0, 0.0, (), values)[0]
     assert found[1:] == pytest.approx(((ahead - found[0]) * 1e6, (beside - found[0]) * 1e6), rel=1e-4)
+
+
+def ranked(*places, is_located=True):
+    """A free form with these places and log evidences, best first."""
+    best = places[0][0]
+    return FreeForm(best, f"at {best}", "N", 0.0, "", (), (), 0.0, {}, {}, places, is_located, None, (), "")
+
+
+def test_the_part_is_stated_that_is_clearly_more_probable_than_the_others():
+    stated = place_of(ranked(("tip_along", 50.0), ("tip_down", 30.0), ("hinge2", 40.0)))
+    assert stated is not None and (stated.id, stated.words) == ("ground", "at tip_along")
+    assert 0.8 < stated.probability <= 0.9
+    assert place_of(ranked(("tip_along", 50.0), ("hinge2", 49.0))) is None
+
+
+def test_a_part_with_many_places_is_no_more_probable_for_that():
+    """Six hinges as good as one channel."""
+    assert place_of(ranked(*((f"hinge{i}", 50.0) for i in range(2, 8)), ("fz_N", 48.5))) is None
+    assert place_of(ranked(*((f"hinge{i}", 50.0) for i in range(2, 8)), ("fz_N", 46.0))).id == "hinges"
+
+
+def test_where_no_force_explains_the_misfit_no_part_is_stated():
+    assert place_of(ranked(("fz_N", 500.0), ("hinge2", 10.0), is_located=False)) is None
 
 
 @pytest.mark.slow

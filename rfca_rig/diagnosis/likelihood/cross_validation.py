@@ -10,13 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 
-from rfca_rig.diagnosis.data.observations import Observations
 from rfca_rig.diagnosis.likelihood.covariance import AtError
 from rfca_rig.diagnosis.likelihood.laplace import Linear
 
 Floats = NDArray[np.float64]
-
-MAX_LOO_RMS = 1.5  # usual model errors, beyond which what foretells conditions to no better is no explanation
 
 
 def loo_residuals(linear: Linear, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
@@ -70,10 +67,3 @@ def products_without(both: Floats, weighted: Floats, whitening: AtError, out: ND
     own = cho_factor(whitening.precision(out), check_finite=False)
     taken = weighted[out].T @ cho_solve(own, weighted[out], check_finite=False)
     return both.T @ weighted - taken, whitening.log_det + 2.0 * float(np.log(np.diag(own[0])).sum())
-
-
-def loo_rms(linear: Linear, usual: AtError, rows: Observations) -> Floats:
-    """Rms of each condition's misfit in units of noise and usual model error, when it is foretold from all others, (conditions,)."""
-    numbers = range(int(rows.condition.max()) + 1)
-    apart = loo_residuals(linear, usual, rows.condition, numbers) / np.sqrt(usual.variance())
-    return np.array([np.sqrt(np.mean(apart[rows.condition == number] ** 2)) for number in numbers])

@@ -35,10 +35,6 @@ class MarginalPosterior:
         """How many deviations off the nuisance is that is farthest from where it is believed."""
         return float(np.abs(self.posterior.mean[:nuisances]).max())
 
-    def fits_well(self, nuisances: int) -> bool:
-        """Whether the hypothesis leaves no more than a good model does, all nuisances near where they are believed."""
-        return self.error < GOOD_FIT and self.farthest(nuisances) < STRAINED
-
 
 @dataclass(frozen=True)
 class MarginalLikelihood:
