@@ -15,7 +15,9 @@ from rfca_rig.diagnosis.leg.shaft_observations import late_s, shaft_condition, t
 from rfca_rig.diagnosis.leg.strokes import turn_of
 from rfca_rig.diagnosis.result import Criterion
 from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.stroke import stroke_following
 from tests.diagnosis.by_hand import (
     RIG,
     body_of,
@@ -92,6 +94,19 @@ def test_a_leg_behind_a_late_shaft_that_obeys_turns_by_its_command():
     assert by_command < 1.15
     assert missed([turn_of(c, True) for c in conditions]) > 1.15 * by_command
     assert missed([turn_of(c, False) for c in conditions]) > 10.0 * by_command
+
+
+@pytest.mark.parametrize("effects", [(), (present("motor_speed_ripple", amplitude_relative=0.1, cycles_per_turn=9.0),)])
+def test_a_shaft_that_the_leg_does_not_act_on_turns_as_in_the_whole_stroke(effects):
+    strokes = recorded(RIG, THREE[:1], encoder_rad=0.0)
+    (shaft,) = shafts_of(strokes, flaps_of(strokes))
+    rig = replace(RIG, effects=effects)
+    motion = ramp_to_speed(shaft.start_rad, shaft.speed_rad_s, rig.drive.ramp_s, float(shaft.t_s[-1]))
+    whole = stroke_following(rig, shaft.height_m, motion, shaft.t_s).shaft_angle_rad
+    stood_rad = whole[shaft.t_s <= 0.0].mean()
+    assert shaft.simulated(Supposed(rig)) == pytest.approx(
+        shaft._binned(whole - stood_rad - motion.angle_rad(shaft.t_s) + shaft.start_rad), abs=1e-7
+    )
 
 
 def test_a_shaft_that_sags_is_not_only_late():
