@@ -13,7 +13,7 @@ class SearchConfig:
         Dynamic conditions of the subset on which starts are screened and first fitted. Four corners of a 3 x 3 grid of heights and speeds
         rank effects as all nine do.
     starts_per_effect
-        Grid points from which one effect is fitted.
+        Grid points from which one effect is fitted: the best beside the fit without effects, and the best beside the nominal model.
     singles_coarse, pairs_coarse, triples_coarse
         Sets of each size that are fitted on the subset.
     singles_full, pairs_full, triples_full
@@ -34,7 +34,7 @@ class SearchConfig:
     """
 
     coarse_conditions: int = 4
-    starts_per_effect: int = 2
+    starts_per_effect: tuple[int, int] = (2, 1)
     singles_coarse: int = 12
     pairs_coarse: int = 10
     triples_coarse: int = 5

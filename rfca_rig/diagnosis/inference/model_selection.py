@@ -9,7 +9,7 @@ of the conditions, few on all, the best of them to convergence (Jamieson and Tal
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,10 +39,20 @@ RIVALS = 3  # sets of a size that are fitted on all conditions however far behin
 
 @dataclass(frozen=True)
 class Start:
-    """Where a fit begins: effects, and all unknowns (p,)."""
+    """Where a fit begins: effects, all unknowns (p,), and the first columns of the Jacobian on all conditions, (m, k)."""
 
     terms: Terms
     x: Floats
+    jacobian: Floats
+
+
+@dataclass(frozen=True)
+class Screen:
+    """Every effect at grid points beside a fit: its signatures, and the space in which their promise counts."""
+
+    base: MapFit
+    projection: Projection
+    probes: Sequence[EffectProbe]
 
 
 @dataclass(frozen=True)
@@ -110,25 +120,23 @@ def search_models(
     progress("screening every effect", 0.1)
     terms = tuple(term for effect in effects for term in terms_of(effect))
     probes = probe_effects(state.descent.evidence, state.nominal, terms)
-    projection = _projection(state.descent, state.nominal)
+    # Beside the fit without effects the right effect shows best, unless a nuisance parameter has taken its place there.
+    beside_nothing = _screen(state, state.nothing, terms)
+    screens = [beside_nothing, Screen(state.nominal, _projection(state.descent, state.nominal), probes)]
     progress("each effect", 0.25)
-    state = _fit_best(
-        state,
-        _single_starts(projection, probes, state.nominal, config.starts_per_effect, config.worth_a_fit),
-        config.singles_coarse,
-        config.singles_full,
-    )
+    starts = [_single_starts(screen, count, config.worth_a_fit) for screen, count in zip(screens, config.starts_per_effect, strict=True)]
+    state = _fit_best(state, _alternate(starts), config.singles_coarse, config.singles_full)
     state = _learn(_exchange(_converge(state, 1, config), terms), GOOD_FIT, config)
     progress("pairs of effects", 0.5)
     if not _is_adequate(state):
-        starts = _pair_starts(projection, probes, state.nominal, config)
-        state = _fit_best(state, starts, config.pairs_coarse, config.pairs_full)
-    starts = _partner_starts(state, 1, terms, probes, config)
-    state = _fit_best(state, starts, config.parents * config.partners, config.pairs_full)
+        starts = [_pair_starts(screen, config) for screen in screens]
+        state = _fit_best(state, _alternate(starts), config.pairs_coarse, config.pairs_full)
+    partners = _partner_starts(state, 1, beside_nothing, config)
+    state = _fit_best(state, partners, config.parents * config.partners, config.pairs_full)
     state = _converge(state, 2, config)
     if not _is_adequate(state):
         progress("three effects", 0.7)
-        state = _fit_best(state, _partner_starts(state, 2, terms, probes, config), config.triples_coarse, config.triples_full)
+        state = _fit_best(state, _partner_starts(state, 2, beside_nothing, config), config.triples_coarse, config.triples_full)
     progress("weighing", 0.85)
     state = _learn(_fit_nested(_exchange(state, terms)), 2.0 * GOOD_FIT, config)
     for size in (1, 2, 3):
@@ -166,32 +174,44 @@ def _projection(descent: GaussNewton, fit: MapFit) -> Projection:
     return projection_of(fit, measured, descent.judge.level(fit.linear(measured)))
 
 
-def _single_starts(projection: Projection, probes: Sequence[EffectProbe], base: MapFit, count: int, least: float) -> list[Start]:
-    """At most `count` grid points of every effect beside `base`, most promising first, of effects that promise `least` of chi-square."""
+def _screen(state: SearchState, base: MapFit, terms: Iterable[EffectTerm]) -> Screen:
+    """The effects beside a fit, on the subset of the conditions."""
+    here = _restrict(base, state)
+    return Screen(base, _projection(state.coarse, here), probe_effects(state.coarse.evidence, here, list(terms)))
+
+
+def _alternate(lists: Sequence[Sequence[Start]]) -> list[Start]:
+    """The first of each list, the second of each, and so on."""
+    return [start for row in zip_longest(*lists) for start in row if start is not None]
+
+
+def _single_starts(screen: Screen, count: int, least: float) -> list[Start]:
+    """At most `count` grid points of every effect, most promising first, of effects that promise `least` of chi-square."""
     by_term: dict[EffectTerm, list[tuple[float, EffectProbe]]] = {}
-    for probe in probes:
-        by_term.setdefault(probe.choice, []).append((projection.gain(probe.signature)[0], probe))
+    for probe in screen.probes:
+        by_term.setdefault(probe.choice, []).append((screen.projection.gain(probe.signature)[0], probe))
     found: list[tuple[float, EffectProbe]] = []
     for points in by_term.values():
         points.sort(key=lambda pair: -pair[0])
         if points[0][0] < least:
             continue
         found += [pair for pair in points[:count] if pair[0] >= 0.5 * points[0][0]]
-    return [_beside(base, (probe,)) for _, probe in sorted(found, key=lambda pair: -pair[0])]
+    return [_beside(screen.base, (probe,)) for _, probe in sorted(found, key=lambda pair: -pair[0])]
 
 
-def _pair_starts(projection: Projection, probes: Sequence[EffectProbe], base: MapFit, config: SearchConfig) -> list[Start]:
+def _pair_starts(screen: Screen, config: SearchConfig) -> list[Start]:
     """The best grid points of the pairs of effects that could take away most of the misfit together."""
+    probes = screen.probes
     if len(probes) < 2:
         return []
-    gain = _joint_gains(projection, probes)
+    gain = _joint_gains(screen.projection, probes)
     best: dict[frozenset[EffectTerm], tuple[float, int, int]] = {}
     for i, j in combinations(range(len(probes)), 2):
         pair = frozenset((probes[i].choice, probes[j].choice))
         if probes[i].choice.effect.id != probes[j].choice.effect.id and gain[i, j] > best.get(pair, (config.worth_a_fit, 0, 0))[0]:
             best[pair] = (float(gain[i, j]), i, j)
     ranked = sorted(best.values(), reverse=True)[: config.pairs_coarse]
-    return [_beside(base, (probes[i], probes[j])) for _, i, j in ranked]
+    return [_beside(screen.base, (probes[i], probes[j])) for _, i, j in ranked]
 
 
 def _joint_gains(projection: Projection, probes: Sequence[EffectProbe]) -> Floats:
@@ -207,24 +227,24 @@ def _joint_gains(projection: Projection, probes: Sequence[EffectProbe]) -> Float
     return np.asarray(2.0 * (first * match[:, None] + second * match[None, :]) - quadratic)
 
 
-def _partner_starts(state: SearchState, size: int, terms: Terms, probes: Sequence[EffectProbe], config: SearchConfig) -> list[Start]:
+def _partner_starts(state: SearchState, size: int, screen: Screen, config: SearchConfig) -> list[Start]:
     """One effect more beside the best sets of a size, screened by what it would do to a model that has these effects already.
 
-    Only effects are screened that promise something beside the parent with their signatures beside the nominal model, `probes`.
+    Only effects are screened that promise something beside the parent with their signatures beside the fit without effects.
     """
     found: list[Start] = []
     least = config.worth_beside_a_good_fit if _is_adequate(state) else config.worth_a_fit
     for parent in state.of_size(size)[: config.parents if size == 1 and least == config.worth_a_fit else 1]:
-        here = _restrict(parent, state)
-        own, projection = {term.effect.id for term in parent.coordinates.choices}, _projection(state.descent, parent)
-        promising = {probe.choice for probe in probes if projection.gain(probe.signature)[0] > config.worth_a_probe * least}
-        beside = probe_effects(state.coarse.evidence, here, [term for term in terms if term in promising and term.effect.id not in own])
-        found += _single_starts(_projection(state.coarse, here), beside, here, 1, least)[: config.partners]
+        projection = _projection(state.coarse, _restrict(parent, state))
+        promising = [probe.choice for probe in screen.probes if projection.gain(probe.signature)[0] > config.worth_a_probe * least]
+        others = [term for term in dict.fromkeys(promising) if term.effect.id not in parent.ids]
+        found += _single_starts(_screen(state, parent, others), 1, least)[: config.partners]
     return found
 
 
 def _beside(base: MapFit, probes: Sequence[EffectProbe]) -> Start:
-    return Start((*base.coordinates.choices, *(probe.choice for probe in probes)), np.concatenate([base.x, *(probe.z for probe in probes)]))
+    terms = (*base.coordinates.choices, *(probe.choice for probe in probes))
+    return Start(terms, np.concatenate([base.x, *(probe.z for probe in probes)]), base.jacobian)
 
 
 def _fit_best(state: SearchState, starts: Sequence[Start], coarse: int, full: int) -> SearchState:
@@ -240,16 +260,14 @@ def _fit_best(state: SearchState, starts: Sequence[Start], coarse: int, full: in
         best.sort(key=state.coarse.free_log_evidence, reverse=True)
         least = state.coarse.free_log_evidence(best[0]) - NEAR if best else 0.0
         wide = [fit for n, fit in enumerate(best[:full]) if n < RIVALS or state.coarse.free_log_evidence(fit) > least]
-        fits = pool.map(lambda fit: _fit(state.descent, state, Start(fit.coordinates.choices, fit.x), 5), wide)
+        again = [Start(fit.coordinates.choices, fit.x, state.nothing.jacobian) for fit in wide]
+        fits = pool.map(lambda start: _fit(state.descent, state, start, 5), again)
         return state.with_fits(fit for fit in fits if fit is not None)
 
 
-def _fit(descent: GaussNewton, state: SearchState, start: Start, levels: int, jacobian: Floats | None = None) -> MapFit | None:
-    """The MAP fit from a start, None where the model has no answer.
-
-    The first columns of the Jacobian begin as in `jacobian` (m, k), or as those of the nominal model.
-    """
-    known = (state.nominal if descent is state.descent else _restrict(state.nominal, state)).jacobian if jacobian is None else jacobian
+def _fit(descent: GaussNewton, state: SearchState, start: Start, levels: int) -> MapFit | None:
+    """The MAP fit from a start, None where the model has no answer."""
+    known = start.jacobian if descent is state.descent else start.jacobian[state.in_coarse]
     here = descent.at(state.nominal.coordinates.with_terms(start.terms), start.x, known)
     return None if here is None else descent.refine(here, levels=levels)
 
@@ -304,15 +322,12 @@ def _exchange(state: SearchState, terms: Terms) -> SearchState:
     else begins where it stands. A rival that began at the prior mean may have ended in another mode, and would lose by that alone.
     """
     parents = [fit for fit in dict.fromkeys((state.nothing, state.best)) if frozenset(fit.coordinates.choices) not in state.exchanged]
-    starts = []
+    starts: list[Start] = []
     for base, wanted in (pair for parent in parents for pair in _without_each_part(state, parent, terms)):
-        here = _restrict(base, state)
-        probes = probe_effects(state.coarse.evidence, here, [term for term in terms if term.effect.id in wanted])
-        ranked = _single_starts(_projection(state.coarse, here), probes, here, 1, 0.0)
-        best_of_each = {start.terms[-1].effect.id: start for start in reversed(ranked)}
-        starts += [(start, base) for start in best_of_each.values()]
+        ranked = _single_starts(_screen(state, base, [term for term in terms if term.effect.id in wanted]), 1, 0.0)
+        starts += {start.terms[-1].effect.id: start for start in reversed(ranked)}.values()
     with ThreadPoolExecutor(THREADS) as pool:
-        fits = pool.map(lambda pair: _fit(state.descent, state, pair[0], 5, pair[1].jacobian), starts)
+        fits = pool.map(lambda start: _fit(state.descent, state, start, 5), starts)
         found = [fit for fit in fits if fit is not None]
         least = max(map(state.descent.free_log_evidence, (state.best, *found))) - NEAR
         near = [fit for fit in found if state.descent.free_log_evidence(fit) > least]
@@ -350,7 +365,8 @@ def _fit_nested(state: SearchState) -> SearchState:
         for number, term in enumerate(coordinates.choices):
             terms = tuple(other for i, other in enumerate(coordinates.choices) if i != number)
             x = np.delete(best.x, np.arange(coordinates.size)[coordinates.part(number)])
-            found.append(_fit(state.descent, state, Start(terms, x), 5))
+            of_nuisances = best.jacobian[:, : coordinates.nuisances]
+            found.append(_fit(state.descent, state, Start(terms, x, of_nuisances), 5))
             if term.effect.same_as not in coordinates.space.names:
                 continue
             predicted = state.descent.evidence.predicted(coordinates.with_terms(terms).supposed(x))
@@ -360,13 +376,14 @@ def _fit_nested(state: SearchState) -> SearchState:
                 change = (best.predicted - predicted) / state.descent.evidence.rows.noise
                 share = float(along @ change) / max(float(along @ along), 1e-300)
                 x[place] = np.clip(x[place] + share, -FARTHEST, FARTHEST)
-                found.append(_fit(state.descent, state, Start(terms, x), 5))
+                found.append(_fit(state.descent, state, Start(terms, x, of_nuisances), 5))
     return state.with_fits(fit for fit in found if fit is not None)
 
 
 def _refit_nothing(state: SearchState) -> SearchState:
     """The fit without effects also from the nuisance parameters of the best explanation."""
-    again = _fit(state.descent, state, Start((), state.best.x[: state.nominal.coordinates.nuisances]), 5)
+    nuisances = state.nominal.coordinates.nuisances
+    again = _fit(state.descent, state, Start((), state.best.x[:nuisances], state.best.jacobian[:, :nuisances]), 5)
     found = [state.descent.converge(fit) for fit in (state.nothing, again) if fit is not None]
     return replace(state, nothing=max(found, key=state.descent.free_log_evidence))
 

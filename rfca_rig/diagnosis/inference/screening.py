@@ -57,7 +57,7 @@ def grid_of(choice: EffectTerm) -> list[Floats]:
     """
     free, at_rest = choice.sizes, (0.0,) * len(choice.effect.begins)
     usual = TOGETHER if len(free) == 2 else OF_THREE
-    starts = [_alone(free[0])] if len(free) == 1 else [_starts(parameter) or usual for parameter in free]
+    starts = [_starts(parameter) or (_alone(parameter) if len(free) == 1 else usual) for parameter in free]
     if choice.whole:
         starts = [(0.3,) for _ in free]
     shapes = [_starts(parameter) or (coordinate_of(parameter, parameter.neutral),) for parameter in choice.effect.shape]
