@@ -67,6 +67,24 @@ def test_the_static_approach_is_learnt_from_what_fits_well():
     assert found.named[0].ids == ("tip_mass",)
 
 
+def test_an_effect_promises_what_it_does_though_nuisance_parameters_are_off():
+    """A softer torque curve, the spring 6 % stiffer than stated and the height 0.4 mm off."""
+    leg = replace(RIG.leg, k0_Nm_per_rad=1.06 * RIG.leg.k0_Nm_per_rad)
+    rig = replace(RIG, leg=leg, effects=(present("stiffness_hardening", k2_per_rad2=3.8),))
+    flaps = flaps_of(recorded(rig, [(height_mm - 0.4, speed) for height_mm, speed in CONDITIONS], with_shaft=False))
+    parts = [replace(flap, height_m=flap.height_m + 4e-4) for flap in flaps]
+    state = model_selection._begin(leg_dataset(parts), Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0)), SearchConfig())
+
+    def promise(base, name):
+        screen = model_selection._screen(state, base, terms_of(catalogue()[name]))
+        return max(screen.projection.gain(probe.signature)[0] for probe in screen.probes)
+
+    names, bases = ("stiffness_hardening", "spring_hysteresis"), (state.nothing, state.nominal)
+    of_true, of_other = ([promise(base, name) for base in bases] for name in names)
+    assert of_true[0] > 2.0 * of_other[0]
+    assert of_true[1] < 1.2 * of_other[1]
+
+
 DRY = present("hinge_coulomb_friction", torque_Nm=0.08, presliding_deg=0.4)
 
 
@@ -78,7 +96,7 @@ def looped():
     config = SearchConfig()
     state = model_selection._begin(leg_dataset(parts), coordinates, config)
     (loop,) = terms_of(catalogue()["spring_hysteresis"])
-    start = model_selection.Start((loop,), np.concatenate([state.nothing.x, grid_of(loop)[0]]))
+    start = model_selection.Start((loop,), np.concatenate([state.nothing.x, grid_of(loop)[0]]), state.nothing.jacobian)
     return state.with_fits([state.descent.converge(model_selection._fit(state.descent, state, start, 5))])
 
 
