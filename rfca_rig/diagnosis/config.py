@@ -1,6 +1,53 @@
-"""The constants of the search, in one place."""
+"""All constants of the likelihood, the search and the decision, in one place.
+
+Each states its unit and its origin. `docs/method.md` lists them with the sensitivity of the answers to them. Constants that describe a kind
+of rig (bins, stages, what a drive may do) stand with that rig.
+"""
 
 from dataclasses import dataclass
+
+# Likelihood
+
+USUAL_ERROR = 0.01  # half-normal size of the error of a model that lacks nothing, as a share of the signal
+NAMED_ERRORS = (0.005, 0.0075, 0.01, 0.015, 0.02, 0.03)  # share of the signal; below the first no real leg and model agree
+UNKNOWN_ERRORS = (0.03, 0.045, 0.07, 0.12, 0.2, 0.35, 0.6)  # share of the signal, log-uniform: something that nobody listed
+GOOD_FIT = 0.011  # share of the signal: a model error that leaves next to nothing to be explained
+STRAINED, IMPLAUSIBLE = 2.5, 3.5  # prior deviations of a nuisance parameter: an effect may do its work; no credible value
+SHARED = 0.5  # correlation of the discrepancy between conditions
+FLOOR = 1e-3  # share of the discrepancy's variance that is not smooth
+PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO, PRIOR_THREE = 0.5, 0.1, 0.3, 0.1, 0.02  # probabilities
+
+# Parameters
+
+FARTHEST = 4.0  # prior deviations: the optimiser goes no farther
+OCTAVE = 2.0  # high over low: wider positive ranges are log-uniform
+
+# Optimiser
+
+STEP = 0.1  # prior deviations: the first difference, where no slope is known
+WELL_SEEN = 4.0  # deviations of all rows together by which a difference should move them: touchdown, stick and slip make the model rough
+NARROWEST, WIDEST = 0.03, 0.7  # prior deviations: limits of a difference
+SLOPES_ERR = 0.3  # share of its size by which a slope errs after some steps
+ROUGH = 1.0  # deviations of all rows together by which the model jumps from one place to the next
+ROUNDS, LEVELS, POLISHED = 8, 5, 4  # steps at one discrepancy scale, scales, and rounds with fresh Jacobians, at most
+SHORTER, SHORTEST = 0.4, 0.02  # share of the way after a step that did not help; the last that is tried
+CONVERGED = 0.5  # log posterior density, about how rough the model is
+GOOD_ENOUGH = 0.02  # log posterior density: a step that gains less is the last
+ALIKE = 0.995  # cosine, in units of noise, from which two columns of the Jacobian are the same
+
+# Screening: grids in coordinates of the prior
+
+ALONE = (-1.4, -0.5, 0.5, 1.4)  # of an effect with one size
+TOGETHER, OF_THREE = (-1.1, 0.0, 1.1), (-1.0, 0.8)  # of each size of an effect with two, and with three
+SIGNED_SHARES = (-0.6, -0.15, 0.15, 0.6)  # share of the range to both sides, of a size that may have either sign
+RESCALED = 3.0  # a signature may be this much too small and still be a start: its shape decides
+
+# Search
+
+LARGEST_SET = 3  # effects of one hypothesis
+# Log evidence: more than convergence with fresh Jacobians brings (20 to 60), and more than four conditions rank otherwise than all do
+NEAR = 100.0
+RIVALS = 3  # sets of a size that are fitted on all conditions however far behind: the best without an effect measures its support
 
 
 @dataclass(frozen=True)
@@ -30,7 +77,7 @@ class SearchConfig:
     worth_beside_a_good_fit
         The same beside an explanation that is adequate already: what a law that is off by some percent leaves.
     worth_a_probe
-        Share of these that an effect must promise by its signature beside the nominal model, or it is not screened beside a parent.
+        Share of these that an effect must promise by its signature beside the fit without effects, or it is not screened beside a parent.
     """
 
     coarse_conditions: int = 4
@@ -50,3 +97,24 @@ class SearchConfig:
 
 
 DEFAULT_SEARCH = SearchConfig()
+
+# Decision
+
+SURE, STATED = 0.9, 0.8  # calibrated probabilities of an effect that is identified, and of one that is stated
+AS_USUAL = 1.0  # held-out rms in units of noise and usual model error, up to which a law holds
+AS_GOOD = 3.0  # log posterior odds within which the data do not tell two effects apart
+LARGEST_CLASS = 5  # effects that explain the data equally well: of more, none is stated
+WORTH_ADDING = 0.1  # share of the held-out mean square that an effect must remove to be part of the explanation
+VARIES_BY = 0.5  # prior standard deviation, as a share, of an effect's size from one group of observations to the next
+INFORMATIVE = 0.5  # share of VARIES_BY: a group whose own size stays less certain says nothing about the variation
+# Share of what it explains that the law of a right effect may leave: friction laws of real gears are right to 20 to 40 % of themselves, so
+# a second law of the same family that leaves less could be the true one.
+LAW_ERROR = 0.2
+# One standard deviation by which a real cause departs from its law in the catalogue, of its size and of what shapes it: found by concealing
+# effects in a simulator whose laws are written otherwise
+LAWS_SIZE, LAWS_SHAPE = 0.03, 0.1
+LAW_SHARE = 0.6  # of the remaining misfit over the removed one that counts as error of the size
+OCCAM = 1.5  # log evidence that one more parameter costs
+UNSEEN = 1e-6  # share of the power that is needed: a stop that no hinge reaches
+MOVED = 2.0  # prior standard deviations beyond which a nuisance parameter is reported: one in twenty moves so by chance
+MOST_RIVALS = 12  # hypotheses that are listed

@@ -5,18 +5,17 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from rfca_rig.diagnosis.decision.decide import MOST_RIVALS, Decision
+from rfca_rig.diagnosis.config import MOST_RIVALS, MOVED, PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN
+from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
 from rfca_rig.diagnosis.decision.wording import describe, describe_refusal
 from rfca_rig.diagnosis.figures import before_and_after, held_out, overlays
-from rfca_rig.diagnosis.inference.hypotheses import PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN, Hypothesis, ModelSelectionResult
+from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.screening import projection_of
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch
 from rfca_rig.diagnosis.result import Criterion, Diagnosis, Located, MovedPrior, NotSeen, Value
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import PresentEffect
-
-MOVED = 2.0  # prior standard deviations: one nuisance in twenty does so by chance
 
 
 def build_result(title: str, found: ModelSelectionResult, decision: Decision, effects: Sequence[Effect], experiment: str) -> Diagnosis:

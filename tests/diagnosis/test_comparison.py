@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.decision.comparison import AS_GOOD, Comparison, compare
+from rfca_rig.diagnosis.config import AS_GOOD, IMPLAUSIBLE, LAWS_SIZE
+from rfca_rig.diagnosis.decision.comparison import Comparison, compare
 from rfca_rig.diagnosis.decision.decide import Supported, _best_family, decide_from, support_of_best
-from rfca_rig.diagnosis.decision.sizes import LAWS_SIZE, estimate_sizes
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import IMPLAUSIBLE
+from rfca_rig.diagnosis.decision.sizes import estimate_sizes
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, found_among, present, recorded
 
 CONDITIONS = [(205.0, 2.0), (215.0, 2.4), (230.0, 3.0), (210.0, 2.2), (222.0, 2.7)]

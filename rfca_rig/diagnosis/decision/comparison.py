@@ -14,20 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from rfca_rig.diagnosis.config import AS_GOOD, IMPLAUSIBLE, INFORMATIVE, VARIES_BY, WORTH_ADDING
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import log_evidence_by_scale
 from rfca_rig.diagnosis.likelihood.covariance import AtError
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
 from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import IMPLAUSIBLE
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
-
-VARIES_BY = 0.5  # prior standard deviation, as a share, of an effect's size from one group of observations to the next
-INFORMATIVE = 0.5  # of that: a group whose own size stays less certain says nothing about the variation
-AS_GOOD = 3.0  # log posterior odds within which the data do not tell two effects apart
-WORTH_ADDING = 0.1  # share of the held-out misfit that an effect must remove to be part of the explanation
 
 
 @dataclass(frozen=True)

@@ -22,22 +22,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
+from rfca_rig.diagnosis.config import AS_USUAL, IMPLAUSIBLE, LARGEST_CLASS, LAW_ERROR, MOST_RIVALS, PRIOR_UNKNOWN, STATED, SURE
 from rfca_rig.diagnosis.decision.calibration import Kind, calibration_of, support_values
 from rfca_rig.diagnosis.decision.comparison import Comparison, ScaledHypothesis, compare
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
-from rfca_rig.diagnosis.inference.hypotheses import PRIOR_UNKNOWN, Hypothesis, ModelSelectionResult
+from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.likelihood.laplace import laplace_posterior
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import IMPLAUSIBLE, MarginalPosterior
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalPosterior
 from rfca_rig.diagnosis.result import Criterion, Grade, NamedEffect, Rival, StatedFamily, Verdict
 from rfca_rig.model.families import families_of, related
 
-SURE, STATED = 0.9, 0.8  # calibrated probabilities of an effect that is identified, and of one that is stated
-AS_USUAL = 1.0  # held-out rms in units of noise and usual model error
-LARGEST_CLASS = 5  # effects that explain the data equally well: of more, none is stated
-# Share of what it explains that the law of a right effect may leave: friction laws of real gears are right to 20 to 40 % of themselves, so
-# a second law of the same family that leaves less could be the true one.
-LAW_ERROR = 0.2
-MOST_RIVALS = 12  # hypotheses that are listed
 UNKNOWN = ("unknown",)
 
 

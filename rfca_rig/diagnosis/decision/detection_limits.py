@@ -6,15 +6,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.config import OCCAM, UNSEEN
 from rfca_rig.diagnosis.inference.screening import EffectProbe
 from rfca_rig.diagnosis.result import NotSeen
 from rfca_rig.model.effect import Effect, Parameter
 from rfca_rig.model.parameters import RigModel
 
 Floats = NDArray[np.float64]
-
-OCCAM = 1.5  # log evidence that one more parameter costs
-UNSEEN = 1e-6  # of the power that is needed: a stop that no hinge reaches
 
 
 class Shows(Protocol):

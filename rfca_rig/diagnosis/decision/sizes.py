@@ -12,6 +12,7 @@ Three independent parts make the standard deviation of a parameter:
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.config import LAW_SHARE, LAWS_SHAPE, LAWS_SIZE
 from rfca_rig.diagnosis.decision.comparison import Comparison
 from rfca_rig.diagnosis.decision.detection_limits import size_parameter, without_effect
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
@@ -21,11 +22,6 @@ from rfca_rig.diagnosis.result import Value
 from rfca_rig.model.effect import Parameter
 
 Floats = NDArray[np.float64]
-
-# One standard deviation by which a real cause departs from its law in the catalogue, of its size and of what shapes it: found by
-# concealing effects in an engine whose laws are written otherwise, and to be checked there on other seeds
-LAWS_SIZE, LAWS_SHAPE = 0.03, 0.1
-LAW_SHARE = 0.6  # of the remaining misfit over the removed one that counts as error of the size
 
 
 def estimate_sizes(comparison: Comparison, hypothesis: Hypothesis, number: int) -> tuple[dict[str, Value], dict[str, Value]]:

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
+from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import OpenHypotheses
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
 from rfca_rig.diagnosis.leg.simulator import flaps_of
 from rfca_rig.diagnosis.likelihood.covariance import discrepancy
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import USUAL_ERROR
 from rfca_rig.diagnosis.simulator import ConditionData
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.diagnosis.decision.comparison import AS_GOOD
+from rfca_rig.diagnosis.config import AS_GOOD
 from rfca_rig.diagnosis.experiment_design.bench_tests import CERTAIN, OFF_RIG, OffRigTest
 from rfca_rig.diagnosis.experiment_design.designs import SEQUENCES, Candidate, FlapCandidate, StageCandidate, flap_conditions, stage_heights
 from rfca_rig.diagnosis.experiment_design.expected_information import ExpectedInformation, expected_information

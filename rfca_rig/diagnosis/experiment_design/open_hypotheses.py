@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import softmax
 
-from rfca_rig.diagnosis.decision.decide import SURE, Decision
+from rfca_rig.diagnosis.config import SURE
+from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 
 Floats = NDArray[np.float64]

@@ -8,15 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
+from rfca_rig.diagnosis.config import IMPLAUSIBLE, PRIOR_NOTHING, PRIOR_ONE, PRIOR_THREE, PRIOR_TWO
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.screening import EffectProbe, terms_of
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import IMPLAUSIBLE, MarginalLikelihood, MarginalPosterior
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, MarginalPosterior
 from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter
 
 Floats = NDArray[np.float64]
-
-PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO, PRIOR_THREE = 0.5, 0.1, 0.3, 0.1, 0.02
 
 
 def log_prior_of_set(size: int, candidates: int) -> float:

@@ -12,26 +12,30 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from rfca_rig.diagnosis.config import (
+    ALIKE,
+    CONVERGED,
+    FARTHEST,
+    GOOD_ENOUGH,
+    LEVELS,
+    NARROWEST,
+    POLISHED,
+    ROUGH,
+    ROUNDS,
+    SHORTER,
+    SHORTEST,
+    SLOPES_ERR,
+    STEP,
+    WELL_SEEN,
+    WIDEST,
+)
 from rfca_rig.diagnosis.data.dataset import Dataset
-from rfca_rig.diagnosis.inference.parameterization import FARTHEST, Parameterization
+from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.likelihood.covariance import AtError, Whitening
 from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior, laplace_posteriors
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, MarginalPosterior, make_marginal_likelihood
 
 Floats = NDArray[np.float64]
-
-STEP = 0.1  # of a prior deviation, where a slope is not known at all
-WELL_SEEN = 4.0  # deviations of the rows together, by which a difference should move them: touchdown, stick and slip make the model rough
-NARROWEST, WIDEST = 0.03, 0.7  # prior deviations
-SLOPES_ERR = 0.3  # of their size, after some steps
-ROUGH = 1.0  # deviations of the rows together, by which the model jumps from one place to the next
-ROUNDS = 8
-LEVELS = 5
-POLISHED = 4
-SHORTER, SHORTEST = 0.4, 0.02  # of the way, after a step that did not help
-CONVERGED = 0.5  # of the log posterior density, about how rough the model is
-ALIKE = 0.995  # cosine of two slopes in units of noise
-GOOD_ENOUGH = 0.02  # of the log posterior density
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,13 +14,24 @@ from itertools import combinations, zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.config import DEFAULT_SEARCH, SearchConfig
+from rfca_rig.diagnosis.config import (
+    DEFAULT_SEARCH,
+    FARTHEST,
+    GOOD_FIT,
+    IMPLAUSIBLE,
+    LARGEST_SET,
+    NEAR,
+    RESCALED,
+    RIVALS,
+    STRAINED,
+    SearchConfig,
+)
 from rfca_rig.diagnosis.data.dataset import THREADS, Dataset
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult, weigh_models
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit, without_scatter
-from rfca_rig.diagnosis.inference.parameterization import FARTHEST, EffectTerm, Parameterization
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.diagnosis.inference.screening import EffectProbe, Projection, probe_effects, projection_of, terms_of
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import GOOD_FIT, IMPLAUSIBLE, STRAINED, make_marginal_likelihood
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
 from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter, estimate_scatter
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.effect import Effect
@@ -29,12 +40,6 @@ from rfca_rig.model.families import related
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 Terms = tuple[EffectTerm, ...]
-
-RESCALED = 3.0  # a probe may be this much too small and still be a start: its shape decides
-LARGEST_SET = 3  # effects of one hypothesis
-# Log evidence: more than convergence with fresh Jacobians brings (20 to 60), and more than four conditions rank otherwise than all do
-NEAR = 100.0
-RIVALS = 3  # sets of a size that are fitted on all conditions however far behind: the best without an effect measures its support
 
 
 @dataclass(frozen=True)

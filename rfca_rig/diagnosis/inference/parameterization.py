@@ -14,14 +14,12 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from rfca_rig.analysis.fitting.space import Space
+from rfca_rig.diagnosis.config import FARTHEST, OCTAVE
 from rfca_rig.diagnosis.simulator import SimulatorInput
 from rfca_rig.model.effect import Effect, Parameter
 from rfca_rig.model.parameters import PresentEffect
 
 Floats = NDArray[np.float64]
-
-FARTHEST = 4.0
-OCTAVE = 2.0
 
 
 def value_of(parameter: Parameter, z: float) -> float:

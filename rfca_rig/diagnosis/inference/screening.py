@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.config import ALONE, OF_THREE, RESCALED, SIGNED_SHARES, TOGETHER
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.inference.map_fit import MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, coordinate_of
@@ -14,12 +15,6 @@ from rfca_rig.diagnosis.likelihood.covariance import Whitening
 from rfca_rig.model.effect import Effect, Parameter
 
 Floats = NDArray[np.float64]
-
-ALONE = (-1.4, -0.5, 0.5, 1.4)
-TOGETHER = (-1.1, 0.0, 1.1)
-OF_THREE = (-1.0, 0.8)
-SIGNED_SHARES = (-0.6, -0.15, 0.15, 0.6)
-RESCALED = 3.0  # a signature may be this much too small and still be a start; one too large is, too: its shape tells
 
 
 @dataclass(frozen=True)

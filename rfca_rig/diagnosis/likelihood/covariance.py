@@ -18,13 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, eigh, solve_triangular
 
+from rfca_rig.diagnosis.config import FLOOR, SHARED
 from rfca_rig.diagnosis.data.observations import Observations
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
-
-SHARED = 0.5  # correlation of the discrepancy between conditions
-FLOOR = 1e-3  # of the discrepancy's variance is not smooth
 
 
 class Whitening(Protocol):

@@ -7,17 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from rfca_rig.diagnosis.config import NAMED_ERRORS, UNKNOWN_ERRORS, USUAL_ERROR
 from rfca_rig.diagnosis.data.observations import Observations
 from rfca_rig.diagnosis.likelihood.covariance import AtError, basis_of
 from rfca_rig.diagnosis.likelihood.laplace import Linear, Posterior, laplace_posteriors
 
 Floats = NDArray[np.float64]
-
-USUAL_ERROR = 0.01  # half-normal size of the error of a model that lacks nothing, as a share of the signal
-NAMED_ERRORS = (0.005, 0.0075, 0.01, 0.015, 0.02, 0.03)  # below the first no real leg and model agree
-UNKNOWN_ERRORS = (0.03, 0.045, 0.07, 0.12, 0.2, 0.35, 0.6)  # log-uniform: something that nobody listed
-GOOD_FIT = 0.011  # a model error that leaves next to nothing to be explained
-STRAINED, IMPLAUSIBLE = 2.5, 3.5  # prior deviations of a nuisance: somebody else may do its work; no value that is believed
 
 
 @dataclass(frozen=True)

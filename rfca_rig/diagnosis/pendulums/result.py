@@ -5,11 +5,11 @@ from dataclasses import replace
 
 from rfca_rig.analysis.swings import TORQUE_ERROR
 from rfca_rig.campaign.pendulum import PendulumCampaign
+from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.experiment_design.pendulum_experiment import next_swing
 from rfca_rig.diagnosis.figures import held_out
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import USUAL_ERROR
 from rfca_rig.diagnosis.pendulums.windows import BIN_S, SWINGS, WINDOW_S
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data

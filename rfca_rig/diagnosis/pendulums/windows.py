@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.swings import SwingProblem, SwingWindow, shifted
+from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data.dataset import Dataset, make_dataset
 from rfca_rig.diagnosis.data.observations import Label, Observations
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import USUAL_ERROR
 from rfca_rig.diagnosis.pendulums.nuisances import SupposedPendulum
 from rfca_rig.diagnosis.simulator import Simulator
 from rfca_rig.model.parameters import GRAVITY_M_S2

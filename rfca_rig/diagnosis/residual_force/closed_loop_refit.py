@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.config import STEP
 from rfca_rig.diagnosis.data.dataset import THREADS
-from rfca_rig.diagnosis.inference.map_fit import STEP, MapFit
+from rfca_rig.diagnosis.inference.map_fit import MapFit
 from rfca_rig.diagnosis.likelihood.covariance import factored
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
 from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
