@@ -60,9 +60,11 @@ class SearchConfig:
         Dynamic conditions of the subset on which starts are screened and first fitted. Four corners of a 3 x 3 grid of heights and speeds
         rank effects as all nine do.
     starts_per_effect
-        Grid points from which one effect is fitted: the best beside the fit without effects, and the best beside the nominal model.
-    singles_coarse, pairs_coarse, triples_coarse
-        Sets of each size that are fitted on the subset.
+        Grid points from which one effect is fitted beside the nominal model.
+    singles_coarse, pairs_coarse
+        Sets of each size that are fitted on the subset, of those that promise most beside the nominal model.
+    beside_nothing
+        The same of those that promise most beside the fit without effects, singles and pairs each.
     singles_full, pairs_full, triples_full
         Sets of each size that go on to all conditions.
     parents
@@ -81,10 +83,10 @@ class SearchConfig:
     """
 
     coarse_conditions: int = 4
-    starts_per_effect: tuple[int, int] = (2, 1)
+    starts_per_effect: int = 2
     singles_coarse: int = 12
     pairs_coarse: int = 10
-    triples_coarse: int = 5
+    beside_nothing: int = 4
     singles_full: int = 6
     pairs_full: int = 4
     triples_full: int = 2

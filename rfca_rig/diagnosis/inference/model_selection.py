@@ -9,7 +9,7 @@ of the conditions, few on all, the best of them to convergence (Jamieson and Tal
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import combinations, zip_longest
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,22 +126,29 @@ def search_models(
     terms = tuple(term for effect in effects for term in terms_of(effect))
     probes = probe_effects(state.descent.evidence, state.nominal, terms)
     # Beside the fit without effects the right effect shows best, unless a nuisance parameter has taken its place there.
-    beside_nothing = _screen(state, state.nothing, terms)
-    screens = [beside_nothing, Screen(state.nominal, _projection(state.descent, state.nominal), probes)]
+    beside_nominal, beside_nothing = (
+        Screen(state.nominal, _projection(state.descent, state.nominal), probes),
+        _screen(state, state.nothing, terms),
+    )
     progress("each effect", 0.25)
-    starts = [_single_starts(screen, count, config.worth_a_fit) for screen, count in zip(screens, config.starts_per_effect, strict=True)]
-    state = _fit_best(state, _alternate(starts), config.singles_coarse, config.singles_full)
+    starts = [
+        *_first_sets(_single_starts(beside_nominal, config.starts_per_effect, config.worth_a_fit), config.singles_coarse),
+        *_first_sets(_single_starts(beside_nothing, 1, config.worth_a_fit), config.beside_nothing),
+    ]
+    state = _fit_best(state, starts, config.singles_full)
     state = _learn(_exchange(_converge(state, 1, config), terms), GOOD_FIT, config)
     progress("pairs of effects", 0.5)
     if not _is_adequate(state):
-        starts = [_pair_starts(screen, config) for screen in screens]
-        state = _fit_best(state, _alternate(starts), config.pairs_coarse, config.pairs_full)
-    partners = _partner_starts(state, 1, beside_nothing, config)
-    state = _fit_best(state, partners, config.parents * config.partners, config.pairs_full)
+        starts = [
+            *_pair_starts(beside_nominal, config.worth_a_fit)[: config.pairs_coarse],
+            *_pair_starts(beside_nothing, config.worth_a_fit)[: config.beside_nothing],
+        ]
+        state = _fit_best(state, starts, config.pairs_full)
+    state = _fit_best(state, _partner_starts(state, 1, beside_nothing, config), config.pairs_full)
     state = _converge(state, 2, config)
     if not _is_adequate(state):
         progress("three effects", 0.7)
-        state = _fit_best(state, _partner_starts(state, 2, beside_nothing, config), config.triples_coarse, config.triples_full)
+        state = _fit_best(state, _partner_starts(state, 2, beside_nothing, config), config.triples_full)
     progress("weighing", 0.85)
     state = _learn(_fit_nested(_exchange(state, terms)), 2.0 * GOOD_FIT, config)
     for size in (1, 2, 3):
@@ -185,9 +192,10 @@ def _screen(state: SearchState, base: MapFit, terms: Iterable[EffectTerm]) -> Sc
     return Screen(base, _projection(state.coarse, here), probe_effects(state.coarse.evidence, here, list(terms)))
 
 
-def _alternate(lists: Sequence[Sequence[Start]]) -> list[Start]:
-    """The first of each list, the second of each, and so on."""
-    return [start for row in zip_longest(*lists) for start in row if start is not None]
+def _first_sets(starts: Sequence[Start], count: int) -> list[Start]:
+    """The starts of the first so many sets of effects."""
+    sets = list(dict.fromkeys(frozenset(start.terms) for start in starts))[:count]
+    return [start for start in starts if frozenset(start.terms) in sets]
 
 
 def _single_starts(screen: Screen, count: int, least: float) -> list[Start]:
@@ -204,8 +212,8 @@ def _single_starts(screen: Screen, count: int, least: float) -> list[Start]:
     return [_beside(screen.base, (probe,)) for _, probe in sorted(found, key=lambda pair: -pair[0])]
 
 
-def _pair_starts(screen: Screen, config: SearchConfig) -> list[Start]:
-    """The best grid points of the pairs of effects that could take away most of the misfit together."""
+def _pair_starts(screen: Screen, least: float) -> list[Start]:
+    """The best grid points of each pair of effects that could take away `least` of chi-square together, most promising first."""
     probes = screen.probes
     if len(probes) < 2:
         return []
@@ -213,9 +221,9 @@ def _pair_starts(screen: Screen, config: SearchConfig) -> list[Start]:
     best: dict[frozenset[EffectTerm], tuple[float, int, int]] = {}
     for i, j in combinations(range(len(probes)), 2):
         pair = frozenset((probes[i].choice, probes[j].choice))
-        if probes[i].choice.effect.id != probes[j].choice.effect.id and gain[i, j] > best.get(pair, (config.worth_a_fit, 0, 0))[0]:
+        if probes[i].choice.effect.id != probes[j].choice.effect.id and gain[i, j] > best.get(pair, (least, 0, 0))[0]:
             best[pair] = (float(gain[i, j]), i, j)
-    ranked = sorted(best.values(), reverse=True)[: config.pairs_coarse]
+    ranked = sorted(best.values(), reverse=True)
     return [_beside(screen.base, (probes[i], probes[j])) for _, i, j in ranked]
 
 
@@ -252,21 +260,21 @@ def _beside(base: MapFit, probes: Sequence[EffectProbe]) -> Start:
     return Start(terms, np.concatenate([base.x, *(probe.z for probe in probes)]), base.jacobian)
 
 
-def _fit_best(state: SearchState, starts: Sequence[Start], coarse: int, full: int) -> SearchState:
-    """The first starts fitted on the subset, of each set the best; the best of these sets on all conditions."""
+def _fit_best(state: SearchState, starts: Sequence[Start], full: int) -> SearchState:
+    """The starts fitted on the subset, of each set the best; the best so many of these sets on all conditions."""
     known = {frozenset(fit.coordinates.choices) for fit in state.fits if len(fit.coordinates.choices) > 1}
     wanted = [start for start in starts if frozenset(start.terms) not in known]
-    sets = list(dict.fromkeys(frozenset(start.terms) for start in wanted))[:coarse]
-    wanted = [start for start in wanted if frozenset(start.terms) in sets]
     with ThreadPoolExecutor(THREADS) as pool:
-        found = [fit for fit in pool.map(lambda start: _fit(state.coarse, state, start, 2), wanted) if fit is not None]
-        ranked = sorted(found, key=state.coarse.free_log_evidence)
-        best = list({frozenset(fit.coordinates.choices): fit for fit in ranked}.values())
-        best.sort(key=state.coarse.free_log_evidence, reverse=True)
-        least = state.coarse.free_log_evidence(best[0]) - NEAR if best else 0.0
-        wide = [fit for n, fit in enumerate(best[:full]) if n < RIVALS or state.coarse.free_log_evidence(fit) > least]
-        again = [Start(fit.coordinates.choices, fit.x, state.nothing.jacobian) for fit in wide]
-        fits = pool.map(lambda start: _fit(state.descent, state, start, 5), again)
+        fits = pool.map(lambda start: _fit(state.coarse, state, start, 2), wanted)
+        ends = [
+            (state.coarse.free_log_evidence(fit), Start(start.terms, fit.x, start.jacobian))
+            for start, fit in zip(wanted, fits, strict=True)
+            if fit is not None
+        ]
+        best_of_each = {frozenset(start.terms): (gain, start) for gain, start in sorted(ends, key=lambda end: end[0])}
+        best = sorted(best_of_each.values(), key=lambda end: -end[0])[:full]
+        near = [start for n, (gain, start) in enumerate(best) if n < RIVALS or gain > best[0][0] - NEAR]
+        fits = pool.map(lambda start: _fit(state.descent, state, start, 5), near)
         return state.with_fits(fit for fit in fits if fit is not None)
 
 
@@ -323,8 +331,9 @@ def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchSta
 def _exchange(state: SearchState, terms: Terms) -> SearchState:
     """Fits in which a part of the best explanation, or of the fit without effects, is exchanged for something that does much the same.
 
-    An effect is exchanged for another one of its family, and a strained nuisance parameter for the effect that does the same. Everything
-    else begins where it stands. A rival that began at the prior mean may have ended in another mode, and would lose by that alone.
+    An effect is exchanged for another one of its family, or for itself of another size, and a strained nuisance parameter for the effect
+    that does the same. Everything else begins where it stands. A rival that began at the prior mean may have ended in another mode, and
+    would lose by that alone.
     """
     parents = [fit for fit in dict.fromkeys((state.nothing, state.best)) if frozenset(fit.coordinates.choices) not in state.exchanged]
     starts: list[Start] = []
@@ -345,8 +354,8 @@ def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iter
     """The parent without one of its effects, or with a strained nuisance parameter at its prior mean; and what may take that place."""
     coordinates = parent.coordinates
     for number, term in enumerate(coordinates.choices):
-        relatives = related((term.effect.id,)) - set(parent.ids)
-        base = state.descent.without(parent, number) if relatives else None
+        relatives = (related((term.effect.id,)) | {term.effect.id}) - (set(parent.ids) - {term.effect.id})
+        base = state.descent.without(parent, number)
         if base is not None:
             yield base, relatives
     if len(coordinates.choices) < LARGEST_SET:
