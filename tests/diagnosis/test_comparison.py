@@ -48,10 +48,10 @@ def strained(one, x):
 
 def test_a_law_that_holds_has_one_size_everywhere_and_leaves_noise(gained):
     support = gained.support(("sensor_gain",))
-    assert gained.best.ids == ("sensor_gain",) and support.effects == 1
+    assert gained.best.ids == ("sensor_gain",)
     assert gained.explained_share(gained.best) > 0.95 and support.held_out_ratio > 1.0
-    assert max(support.condition_scatter, support.channel_scatter) < 0.05
-    assert gained.best.scale < 0.01 < gained.nothing.scale and support.log_misfit < 0.0
+    assert support.condition_scatter < 0.05
+    assert gained.best.scale < 0.01 < gained.nothing.scale
     assert gained.law_error(gained.best) < 0.2
 
 
@@ -97,18 +97,6 @@ def _with_rms(one, rms):
     """The hypothesis as if held-out conditions were predicted to this rms."""
     one.__dict__["held_out_rms"] = rms
     return one
-
-
-def test_how_far_the_nuisance_moves_that_does_the_same():
-    """Three times the damping, which is known to 20 %."""
-    damped = replace(RIG, leg=replace(RIG.leg, hinge_damping_Nm_s_per_rad=3.0 * RIG.leg.hinge_damping_Nm_s_per_rad))
-    found = compared([damped] * 5, ["hinge_viscous_damping"], KNOWN_TO | {"hinge_damping_relative": 0.2})
-    assert found.best.ids == ("hinge_viscous_damping",)
-    assert found.support(("hinge_viscous_damping",)).nuisance_shift > 2.0
-
-
-def test_a_gain_has_no_nuisance_that_does_the_same(gained):
-    assert gained.support(("sensor_gain",)).nuisance_shift == np.inf
 
 
 def test_a_size_counts_from_where_the_effect_does_nothing(gained):

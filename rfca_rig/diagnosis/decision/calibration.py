@@ -47,13 +47,9 @@ class Feature:
 FEATURES = (
     Feature("log_bayes_factor", 0.0, float(np.log(1000.0)), 1),
     Feature("held_out_ratio", 0.0, 1.5, 1),
-    Feature("log_misfit", float(np.log(0.5)), float(np.log(8.0)), -1),
     Feature("condition_scatter", 0.0, 0.6, -1),
-    Feature("channel_scatter", 0.0, 0.6, -1),
     Feature("strain", 2.5, 4.0, -1),
     Feature("bound", 2.0, 4.0, -1),
-    Feature("nuisance_shift", 2.0, 5.0, 1),
-    Feature("effects", 1.0, 3.0, -1),
 )
 
 
@@ -79,13 +75,9 @@ def support_values(support: Support) -> dict[str, float]:
     return {
         "log_bayes_factor": float(np.log1p(max(support.log_bayes_factor, 0.0))),
         "held_out_ratio": support.held_out_ratio,
-        "log_misfit": support.log_misfit,
         "condition_scatter": support.condition_scatter,
-        "channel_scatter": support.channel_scatter,
         "strain": support.strain,
         "bound": support.bound,
-        "nuisance_shift": support.nuisance_shift,
-        "effects": float(support.effects),
     }
 
 

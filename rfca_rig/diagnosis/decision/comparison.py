@@ -22,7 +22,6 @@ from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
 from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -81,32 +80,21 @@ class Support:
         Log of the posterior odds of the best explanation against the rival, the discrepancy scale of both integrated out.
     held_out_ratio
         Median over conditions of log(rms of the rival / rms with the effect), both on held-out conditions.
-    log_misfit
-        Log of the held-out rms of the best explanation, median over conditions, in units of noise and usual model error.
-    condition_scatter, channel_scatter
-        Relative standard deviation of the effect's size between conditions and between channels, beyond chance.
+    condition_scatter
+        Relative standard deviation of the effect's size between conditions, beyond chance.
     strain
         The largest distance of a nuisance parameter from its prior mean, in prior standard deviations.
     bound
         The largest distance of one of the effect's sizes from the middle of its prior, in prior standard deviations.
-    nuisance_shift
-        How far the nuisance parameter that does the same as the effect moves where the effect is missing, in prior standard deviations;
-        infinite where no nuisance parameter does the same.
-    effects
-        How many effects the best explanation has.
     """
 
     ids: tuple[str, ...]
     rival: tuple[str, ...]
     log_bayes_factor: float
     held_out_ratio: float
-    log_misfit: float
     condition_scatter: float
-    channel_scatter: float
     strain: float
     bound: float
-    nuisance_shift: float
-    effects: int
 
 
 @dataclass(frozen=True)
@@ -166,20 +154,14 @@ class Comparison:
         numbers = [number for number, name in enumerate(best.ids) if name in ids]
         if not numbers:
             raise ValueError(f"none of {', '.join(ids)} is part of the best explanation, {', '.join(best.ids) or 'nothing'}")
-        fitted, rows = best.hypothesis.fitted, self.result.evidence.rows
-        scatter = [[self._scatter(number, groups) for groups in (rows.condition, _channels(rows.signal))] for number in numbers]
         return Support(
             ids=tuple(ids),
             rival=rival.ids,
             log_bayes_factor=best.log_joint - rival.log_joint,
             held_out_ratio=float(np.median(np.log(rival.held_out_rms / best.held_out_rms))),
-            log_misfit=float(np.log(np.median(best.held_out_rms))),
-            condition_scatter=min(of_conditions for of_conditions, _ in scatter),
-            channel_scatter=min(of_channels for _, of_channels in scatter),
-            strain=fitted.farthest,
+            condition_scatter=min(self.condition_scatter(number) for number in numbers),
+            strain=best.hypothesis.fitted.farthest,
             bound=min(self._farthest_size(number) for number in numbers),
-            nuisance_shift=max(self._nuisance_shift(number) for number in numbers),
-            effects=len(best.ids),
         )
 
     def _farthest_size(self, number: int) -> float:
@@ -187,20 +169,6 @@ class Comparison:
         coordinates, x = self.best.hypothesis.fitted.coordinates, self.best.hypothesis.fitted.x
         sizes = x[coordinates.part(number)][: len(coordinates.choices[number].sizes)]
         return float(np.abs(sizes).max(initial=0.0))
-
-    def _nuisance_shift(self, number: int) -> float:
-        """How far the nuisance parameter that does the same as one effect of the best explanation moves where that effect is missing."""
-        coordinates = self.best.hypothesis.fitted.coordinates
-        effect, names = coordinates.choices[number].effect, coordinates.space.names
-        if effect.same_as not in names:
-            return np.inf
-        others = set(self.best.ids) - {effect.id}
-        without = next((one for one in self.ranked if set(one.ids) == others), None) or self.without((effect.id,))
-        return float(abs(without.hypothesis.fitted.x[names.index(effect.same_as)]))
-
-    def condition_scatter(self, number: int) -> float:
-        """Relative standard deviation, between conditions, of the size of one effect of the best explanation."""
-        return self._scatter(number, self.result.evidence.rows.condition)
 
     def _as_good_without_one(self, one: ScaledHypothesis) -> ScaledHypothesis | None:
         """The most probable hypothesis with one effect fewer that predicts held-out conditions about as well.
@@ -227,12 +195,12 @@ class Comparison:
             found.append(np.zeros_like(fitted.predicted) if rows is None else fitted.predicted - rows)
         return found
 
-    def _scatter(self, number: int, group: Integers) -> float:
-        """Relative standard deviation between groups (m,) of one effect's size, beyond what chance makes.
+    def condition_scatter(self, number: int) -> float:
+        """Relative standard deviation, between conditions, of the size of one effect of the best explanation, beyond what chance makes.
 
-        Each group's size is a random effect with prior deviation VARIES_BY; groups that stay uncertain are left out.
+        Each condition's size is a random effect with prior deviation VARIES_BY; conditions that stay uncertain are left out.
         """
-        signature, best = self._signatures[number], self.best
+        signature, best, group = self._signatures[number], self.best, self.result.evidence.rows.condition
         columns = [column for g in range(int(group.max()) + 1) if np.any(column := np.where(group == g, signature, 0.0))]
         if len(columns) < 2:
             return 0.0
@@ -267,8 +235,3 @@ def _scaled(result: ModelSelectionResult, hypothesis: Hypothesis) -> ScaledHypot
         log_joint=total - float(np.log(len(whitenings))) + hypothesis.log_prior - hypothesis.log_beyond,
         result=result,
     )
-
-
-def _channels(signal: NDArray[np.str_]) -> Integers:
-    """Counts the signals, static forces with those of strokes, and all hinge angles as one, (m,)."""
-    return np.unique(np.array(["hinges" if name.startswith("hinge") else name for name in signal]), return_inverse=True)[1]
