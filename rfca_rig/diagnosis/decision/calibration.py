@@ -46,7 +46,7 @@ class Feature:
 
 FEATURES = (
     Feature("log_bayes_factor", 0.0, float(np.log(1000.0)), 1),
-    Feature("held_out_ratio", 0.0, 1.5, 1),
+    Feature("held_out_ratio", 0.0, 3.0, 1),
     Feature("condition_scatter", 0.0, 0.6, -1),
     Feature("strain", 2.5, 4.0, -1),
     Feature("bound", 2.0, 4.0, -1),

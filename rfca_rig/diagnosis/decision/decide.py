@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import expit, logsumexp
 
 from rfca_rig.diagnosis.config import AS_USUAL, IMPLAUSIBLE, LARGEST_CLASS, LAW_ERROR, MOST_RIVALS, PRIOR_UNKNOWN, STATED, SURE
 from rfca_rig.diagnosis.decision.calibration import Kind, calibration_of, support_values
@@ -142,10 +142,10 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     if family is not None and is_family:
         share = comparison.explained_share(comparison.best)
         return replace(decision, grade="family", explanation=best, family=family, probability=family.probability, explained_share=share)
-    nothing = _probability(rivals, ())
-    if _is_adequate(comparison.nothing) and _probability(rivals, UNKNOWN) < 0.5:
-        return replace(decision, grade="nothing missing", probability=nothing / (nothing + _probability(rivals, UNKNOWN)))
-    return replace(decision, probability=1.0 - nothing)
+    against_unknown = _probability_against_unknown(found)
+    if _is_adequate(comparison.nothing) and against_unknown > 0.5:
+        return replace(decision, grade="nothing missing", probability=against_unknown)
+    return replace(decision, probability=1.0 - next(rival.probability for rival in rivals if not rival.ids))
 
 
 def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
@@ -164,11 +164,12 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
 
 
 def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Criterion, ...]:
-    """What a hypothesis must meet to be identified."""
-    least = min((effect.probability for effect in supported), default=0.0)
+    """What a hypothesis must meet to be identified; the one without effects, to lack nothing."""
+    least = min((effect.probability for effect in supported), default=1.0)
     misfit, strained = float(np.median(one.held_out_rms)), describe_strain(one.hypothesis)
+    probable = Criterion("probability", least >= SURE, f"{least:.3f} that every effect is there, {SURE:g} needed")
     return (
-        Criterion("probability", least >= SURE, f"{least:.3f} that every effect is there, {SURE:g} needed"),
+        *((probable,) if supported else ()),
         Criterion("held-out misfit", misfit <= AS_USUAL, f"{misfit:.2f} of what noise and a usual model error make, {AS_USUAL:g} at most"),
         Criterion("plausible values", not strained, strained or "all nuisance parameters are near their priors"),
     )
@@ -248,8 +249,9 @@ def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
     return tuple(sorted(rivals, key=lambda rival: -rival.probability))
 
 
-def _probability(rivals: Sequence[Rival], ids: tuple[str, ...]) -> float:
-    return next(rival.probability for rival in rivals if rival.ids == ids)
+def _probability_against_unknown(found: ModelSelectionResult) -> float:
+    """The probability that nothing is missing, where only something unlisted is left beside it."""
+    return float(expit(found.nothing.log_joint - found.unknown.log_evidence - np.log(PRIOR_UNKNOWN)))
 
 
 def join_decisions(forces: Decision, shaft: Decision) -> Decision:

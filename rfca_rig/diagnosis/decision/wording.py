@@ -14,7 +14,8 @@ def describe(decision: Decision) -> str:
     if decision.grade == "mostly":
         return f"Mostly missing: {what}. It explains {share}; the law is only approximate."
     if decision.grade == "family" and decision.family is not None:
-        return f"Of the cause only the family is clear: {decision.family.words}. The best law of it explains {share}."
+        best = " with ".join(decision.explanation.ids)
+        return f"Of the cause only the family is clear: {decision.family.words}. The best law of it, {best}, explains {share}."
     if decision.grade == "not enough data":
         return f"Not enough data for a verdict: {decision.criteria[0].found}."
     if decision.grade == "nothing missing":
