@@ -6,7 +6,7 @@ sub-package each:
 1. `data`: recordings become vectors of observations, condition by condition, and a simulator predicts the same.
 2. `likelihood`: the covariance of noise, repeat scatter and model discrepancy; Laplace approximation; cross-validation.
 3. `inference`: MAP fits of hypotheses (sets of effects), and the search over them.
-4. `decision`: acceptance tests, negative controls, detection limits, and the verdict.
+4. `decision`: comparison of all sets of effects, calibrated probabilities, sizes, detection limits, and the graded answer.
 5. `residual_force`: where and in which form an effect outside the catalogue acts.
 6. `experiment_design`: the experiment that separates the hypotheses that remain open.
 

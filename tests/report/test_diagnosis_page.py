@@ -277,7 +277,7 @@ def test_the_page_says_everything_once_needed(named_page):
         "cannot tell it from spring_hysteresis (rate-independent loop of the spring (Bouc-Wen))",
         "all 9",
         "fz N 3.20 0.31 3.30 0.35 0.20",
-        "failed nothing left over: what is left is like a model error of 2.3 %",
+        "not met held-out misfit: 1.42 of what noise and a usual model error make, 1 at most",
         "sensor_drift: rate 0.200 N/s",
         "stiffness 43200 N/m^1.5",
         "Not tested",

@@ -1,5 +1,5 @@
-"""From weighted hypotheses to a verdict. Entry point: `decide.decide`.
+"""From the hypotheses of a search to a graded answer. Entry point: `decide.decide`.
 
-`acceptance` tests the best hypothesis, `negative_controls` compares it with fake effects, `detection_limits` says what else would have
-been seen.
+`comparison` ranks all sets of effects with the discrepancy scale free and measures the support of each effect, `calibration` turns support
+into probabilities, `sizes` gives sizes with intervals, `detection_limits` says what else would have been seen, `wording` says it all.
 """
