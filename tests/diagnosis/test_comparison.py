@@ -76,6 +76,24 @@ def test_strain_is_that_of_the_best_explanation(gained):
     assert Comparison(gained.result, ranked).support(("sensor_gain",)).strain == 3.0
 
 
+def test_strain_is_the_least_of_the_explanations_that_are_as_good(gained):
+    crosstalk = next(one for one in gained.ranked if one.ids == ("sensor_crosstalk",))
+    best, others = strained(gained.best, 4.0), [one for one in gained.ranked if one.ids not in (("sensor_gain",), ("sensor_crosstalk",))]
+
+    def strain(gap, ids):
+        alike = replace(strained(crosstalk, 1.0), log_joint=gained.best.log_joint - gap)
+        return _with(Comparison(gained.result, (best, alike, *others)), "_signatures", gained._signatures).support(ids).strain
+
+    assert strain(AS_GOOD - 1.0, ("sensor_gain", "sensor_crosstalk")) == 1.0
+    assert strain(AS_GOOD - 1.0, ("sensor_gain",)) == 4.0
+    assert strain(AS_GOOD + 1.0, ("sensor_gain", "sensor_crosstalk")) == 4.0
+
+
+def test_what_an_exact_law_removes_beside_its_rival_is_nearly_all_that_can_be_removed(gained, uneven):
+    assert gained.support(("sensor_gain",)).removed_share > 0.95
+    assert 0.3 < uneven.support(("sensor_gain",)).removed_share < 0.95
+
+
 def test_a_size_at_the_end_of_its_range_does_not_speak_against_the_family(gained):
     fitted = gained.best.hypothesis.fitted
     far = replace(gained.best.hypothesis, fitted=replace(fitted, x=np.append(fitted.x[:-1], 3.9)))

@@ -47,6 +47,7 @@ class Feature:
 FEATURES = (
     Feature("log_bayes_factor", 0.0, float(np.log(1000.0)), 1),
     Feature("held_out_ratio", 0.0, 3.0, 1),
+    Feature("removed_share", 0.0, 1.0, 1),
     Feature("condition_scatter", 0.0, 0.6, -1),
     Feature("strain", 2.5, 4.0, -1),
     Feature("bound", 2.0, 4.0, -1),
@@ -75,6 +76,7 @@ def support_values(support: Support) -> dict[str, float]:
     return {
         "log_bayes_factor": float(np.log1p(max(support.log_bayes_factor, 0.0))),
         "held_out_ratio": support.held_out_ratio,
+        "removed_share": support.removed_share,
         "condition_scatter": support.condition_scatter,
         "strain": support.strain,
         "bound": support.bound,

@@ -80,10 +80,13 @@ class Support:
         Log of the posterior odds of the best explanation against the rival, the discrepancy scale of both integrated out.
     held_out_ratio
         Median over conditions of log(rms of the rival / rms with the effect), both on held-out conditions.
+    removed_share
+        Share of the removable held-out misfit of the rival that the best explanation removes: 1 down to the noise, 0 as with the rival.
     condition_scatter
         Relative standard deviation of the effect's size between conditions, beyond chance.
     strain
-        The largest distance of a nuisance parameter from its prior mean, in prior standard deviations.
+        The largest distance of a nuisance parameter from its prior mean, in prior standard deviations; the least of the explanations that
+        are as good.
     bound
         The largest distance of one of the effect's sizes from the middle of its prior, in prior standard deviations.
     """
@@ -92,6 +95,7 @@ class Support:
     rival: tuple[str, ...]
     log_bayes_factor: float
     held_out_ratio: float
+    removed_share: float
     condition_scatter: float
     strain: float
     bound: float
@@ -133,9 +137,19 @@ class Comparison:
 
     def explained_share(self, one: ScaledHypothesis) -> float:
         """Share of the removable held-out misfit that a hypothesis removes: 1 down to the noise, 0 as without effects."""
-        before, after = (float(np.median(each.held_out_rms)) ** 2 for each in (self.nothing, one))
-        removable = before - self.noise_floor**2
-        return (before - after) / removable if removable > 0.0 else 0.0
+        return self._removed_share(self.nothing, one)
+
+    def _removed_share(self, before: ScaledHypothesis, after: ScaledHypothesis) -> float:
+        """Share of the removable held-out misfit of one hypothesis that another one removes."""
+        square, left = (float(np.median(each.held_out_rms)) ** 2 for each in (before, after))
+        removable = square - self.noise_floor**2
+        return (square - left) / removable if removable > 0.0 else 0.0
+
+    def _as_good_with(self, ids: Collection[str]) -> list[ScaledHypothesis]:
+        """The hypotheses with one of these effects, as large as the best and as good."""
+        best = self.best
+        alike = [one for one in self.ranked if len(one.ids) == len(best.ids) and set(one.ids) & set(ids)]
+        return [one for one in alike if best.log_joint - one.log_joint < AS_GOOD]
 
     def law_error(self, one: ScaledHypothesis) -> float:
         """Held-out misfit that a hypothesis leaves, over the misfit that it removes; limited to 1."""
@@ -159,8 +173,9 @@ class Comparison:
             rival=rival.ids,
             log_bayes_factor=best.log_joint - rival.log_joint,
             held_out_ratio=float(np.median(np.log(rival.held_out_rms / best.held_out_rms))),
+            removed_share=self._removed_share(rival, best),
             condition_scatter=min(self.condition_scatter(number) for number in numbers),
-            strain=best.hypothesis.fitted.farthest,
+            strain=min(one.hypothesis.fitted.farthest for one in self._as_good_with(ids)),
             bound=min(self._farthest_size(number) for number in numbers),
         )
 

@@ -33,6 +33,7 @@ from rfca_rig.diagnosis.result import Criterion, Grade, NamedEffect, Rival, Stat
 from rfca_rig.model.families import families_of, related
 
 UNKNOWN = ("unknown",)
+HELD_OUT = "held-out misfit"
 
 
 @dataclass(frozen=True)
@@ -170,7 +171,7 @@ def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Cr
     probable = Criterion("probability", least >= SURE, f"{least:.3f} that every effect is there, {SURE:g} needed")
     return (
         *((probable,) if supported else ()),
-        Criterion("held-out misfit", misfit <= AS_USUAL, f"{misfit:.2f} of what noise and a usual model error make, {AS_USUAL:g} at most"),
+        Criterion(HELD_OUT, misfit <= AS_USUAL, f"{misfit:.2f} of what noise and a usual model error make, {AS_USUAL:g} at most"),
         Criterion("plausible values", not strained, strained or "all nuisance parameters are near their priors"),
     )
 

@@ -1,6 +1,6 @@
 """The answer in sentences."""
 
-from rfca_rig.diagnosis.decision.decide import Decision
+from rfca_rig.diagnosis.decision.decide import HELD_OUT, Decision
 
 
 def describe(decision: Decision) -> str:
@@ -12,7 +12,8 @@ def describe(decision: Decision) -> str:
         tail = f"; these data cannot tell it from {', '.join(others)}" if others else ""
         return f"The model lacks: {what}{tail}."
     if decision.grade == "mostly":
-        return f"Mostly missing: {what}. It explains {share}; the law is only approximate."
+        is_exact = all(criterion.passed for criterion in decision.criteria if criterion.name == HELD_OUT)
+        return f"Mostly missing: {what}. It explains {share}; {'other causes are possible' if is_exact else 'the law is only approximate'}."
     if decision.grade == "family" and decision.family is not None:
         best = " with ".join(decision.explanation.ids)
         return f"Of the cause only the family is clear: {decision.family.words}. The best law of it, {best}, explains {share}."
