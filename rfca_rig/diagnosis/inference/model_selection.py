@@ -1,9 +1,10 @@
 """The search over hypotheses: nothing missing, every effect, pairs of effects, and triples where two do not suffice.
 
-One optimiser fits every hypothesis (`map_fit`, Gauss-Newton to the MAP point). Starts come from four generators: the prior mean, the
-screening of all effects and all pairs, a parent's optimum with one effect more, and an exchange in the best explanation: of an effect for
-another of its family, or of a strained nuisance parameter for the effect that does the same. Fits are halved successively: many on a subset
-of the conditions, few on all, the best of them to convergence (Jamieson and Talwalkar, AISTATS 2016).
+One optimiser fits every hypothesis (`map_fit`, Gauss-Newton to the MAP point). Starts come from three generators: the screening
+of all effects and all pairs, beside the nominal model and beside the fit without effects; a parent's optimum with one effect more; and an
+exchange in the best explanation, of an effect for another of its family, or of a strained nuisance parameter for the effect that does the
+same. Fits are halved successively: many on a subset of the conditions, few on all, the best of them to convergence (Jamieson and Talwalkar,
+AISTATS 2016).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -126,10 +127,8 @@ def search_models(
     terms = tuple(term for effect in effects for term in terms_of(effect))
     probes = probe_effects(state.descent.evidence, state.nominal, terms)
     # Beside the fit without effects the right effect shows best, unless a nuisance parameter has taken its place there.
-    beside_nominal, beside_nothing = (
-        Screen(state.nominal, _projection(state.descent, state.nominal), probes),
-        _screen(state, state.nothing, terms),
-    )
+    beside_nominal = Screen(state.nominal, _projection(state.descent, state.nominal), probes)
+    beside_nothing = _screen(state, state.nothing, terms)
     progress("each effect", 0.25)
     starts = [
         *_first_sets(_single_starts(beside_nominal, config.starts_per_effect, config.worth_a_fit), config.singles_coarse),
