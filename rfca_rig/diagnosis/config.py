@@ -105,7 +105,6 @@ DEFAULT_SEARCH = SearchConfig()
 SURE, STATED = 0.9, 0.8  # calibrated probabilities of an effect that is identified, and of one that is stated
 AS_USUAL = 1.0  # held-out rms in units of noise and usual model error, up to which a law holds
 AS_GOOD = 3.0  # log posterior odds within which the data do not tell two effects apart
-LARGEST_CLASS = 5  # effects that explain the data equally well: of more, none is stated
 WORTH_ADDING = 0.1  # share of the held-out mean square that an effect must remove to be part of the explanation
 VARIES_BY = 0.5  # prior standard deviation, as a share, of an effect's size from one group of observations to the next
 INFORMATIVE = 0.5  # share of VARIES_BY: a group whose own size stays less certain says nothing about the variation

@@ -56,6 +56,15 @@ def test_slopes_that_are_learnt_on_the_way_stay_alike(found):
     assert abs(cosine) == pytest.approx(1.0, abs=1e-9)
 
 
+def test_an_effect_and_a_nuisance_that_both_move_nothing_have_no_slope(found):
+    """Where the model has no answer to either side; the ratio of the two is none."""
+    descent, best = found
+    contact, size = best.coordinates.space.names.index("contact_stiffness"), best.coordinates.nuisances
+    jacobian = best.jacobian.copy()
+    jacobian[:, [contact, size]] = 0.0
+    assert not descent._aligned(best.coordinates, jacobian)[:, [contact, size]].any()
+
+
 def test_a_fit_is_judged_once_by_each_that_judges(found):
     """Searches order by log evidence again and again."""
     descent, best = found

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit, logsumexp
 
-from rfca_rig.diagnosis.config import AS_USUAL, IMPLAUSIBLE, LARGEST_CLASS, LAW_ERROR, MOST_RIVALS, PRIOR_UNKNOWN, STATED, SURE
+from rfca_rig.diagnosis.config import AS_USUAL, IMPLAUSIBLE, LAW_ERROR, MOST_RIVALS, PRIOR_UNKNOWN, STATED, SURE
 from rfca_rig.diagnosis.decision.calibration import Kind, calibration_of, support_values
 from rfca_rig.diagnosis.decision.comparison import Comparison, ScaledHypothesis, compare
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
@@ -118,7 +118,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     """The same from the compared hypotheses and the support of the best explanation's effects and families."""
     found, rivals = comparison.result, rank_rivals(comparison)
     of_effects = {one.id: one for one in supported if one.kind == "effect"}
-    sure = {one.id for one in of_effects.values() if one.probability >= STATED and len(one.cannot_tell_from) < LARGEST_CLASS}
+    sure = {one.id for one in of_effects.values() if one.probability >= STATED}
     explanation = next((one for one in comparison.ranked if sure and set(one.ids) == sure), None)
     best = at_own_scale(comparison.best)
     family = _best_family(comparison, supported)

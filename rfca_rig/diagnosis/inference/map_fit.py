@@ -208,7 +208,7 @@ class GaussNewton:
         Their slopes are differences over other steps; the data must not seem to tell apart what only the prior does.
         """
         size = jacobian / self.evidence.rows.noise[:, None]
-        norm = np.maximum(np.linalg.norm(size, axis=0), 1e-300)
+        norm = np.maximum(np.linalg.norm(size, axis=0), 1e-150)  # the product of two does not underflow
         same = coordinates.same_as
         effects = range(coordinates.nuisances, coordinates.size)
         for nuisance, name in enumerate(coordinates.space.names):
