@@ -196,6 +196,18 @@ def test_effects_that_explain_the_data_as_well_form_a_class(gained):
     assert effect.cannot_tell_from == ("sensor_crosstalk",)
 
 
+def test_effects_that_only_a_model_better_than_usual_tells_apart_form_a_class(gained):
+    """Crosstalk as good as the gain at the usual model error, and far behind at smaller ones."""
+    crosstalk = next(one for one in gained.ranked if one.ids == ("sensor_crosstalk",))
+    scales = np.array([whitening.s for whitening in gained.result.judge.every_scale])
+    behind = np.where(scales < 0.01, 50.0, 1.0)
+    alike = replace(crosstalk, log_joint=gained.best.log_joint - 50.0, log_evidence=gained.best.log_evidence - behind)
+    others = [one for one in gained.ranked if one not in (crosstalk, gained.best)]
+    assert Comparison(gained.result, (gained.best, alike, *others)).as_good_as("sensor_gain") == ("sensor_crosstalk",)
+    apart = replace(alike, log_evidence=gained.best.log_evidence - 50.0)
+    assert Comparison(gained.result, (gained.best, apart, *others)).as_good_as("sensor_gain") == ()
+
+
 def _with(comparison, name, value):
     comparison.__dict__[name] = value
     return comparison

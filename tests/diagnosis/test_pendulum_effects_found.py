@@ -59,9 +59,12 @@ def none(w, tau):
         ("speed_lag", "time_constant_s", 0.008, 0.012, [(1, none, 0.0, 0.01), (2, none, 0.0, 0.01)]),
     ],
 )
-def test_what_was_concealed_is_the_likeliest_or_cannot_be_told_from_it(id_, parameter, low, high, runs):
+def test_what_was_concealed_is_stated_or_one_that_cannot_be_told_from_it_or_its_family(id_, parameter, low, high, runs):
     found = diagnosed(*(made(*run) for run in runs))
-    assert found.verdict == "named"
+    if found.grade == "family":
+        assert id_ in found.family.members
+        return
+    assert found.grade in ("identified", "mostly")
     (effect,) = found.effects
     assert id_ in (effect.id, *effect.cannot_tell_from)
     if effect.id == id_:
@@ -71,8 +74,7 @@ def test_what_was_concealed_is_the_likeliest_or_cannot_be_told_from_it(id_, para
 @pytest.mark.slow
 def test_runs_with_the_motors_off_and_on_are_one_campaign():
     found = diagnosed(made(1, stribeck, 0.0, 0.0), made(2, stribeck, 0.0, 0.0, powered=False))
-    (effect,) = found.effects
-    assert "joint_stribeck" in (effect.id, *effect.cannot_tell_from)
+    assert found.grade == "family" and "joint_stribeck" in found.family.members
 
 
 def test_without_a_driven_run_no_effect_of_the_torque_is_looked_for():

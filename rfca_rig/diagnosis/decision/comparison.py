@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from rfca_rig.diagnosis.config import AS_GOOD, IMPLAUSIBLE, INFORMATIVE, VARIES_BY, WORTH_ADDING
+from rfca_rig.diagnosis.config import AS_GOOD, IMPLAUSIBLE, INFORMATIVE, USUAL_ERROR, VARIES_BY, WORTH_ADDING
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import log_evidence_by_scale
 from rfca_rig.diagnosis.likelihood.covariance import AtError
@@ -129,7 +129,13 @@ class Comparison:
         """The effects that could take the place of one effect of the best explanation as well, the others kept."""
         kept = set(self.best.ids) - {name}
         swapped = [one for one in self.ranked if len(one.ids) == len(self.best.ids) and kept < set(one.ids) and name not in one.ids]
-        return tuple(sorted({other for one in swapped if self.best.log_joint - one.log_joint < AS_GOOD for other in set(one.ids) - kept}))
+        return tuple(sorted({other for one in swapped if self._is_as_good(one) for other in set(one.ids) - kept}))
+
+    def _is_as_good(self, one: ScaledHypothesis) -> bool:
+        """Whether the data do not tell a hypothesis from the best one, or would not if the model erred by as much as models usually do."""
+        usual = int(np.argmin([abs(whitening.s - USUAL_ERROR) for whitening in self.result.judge.every_scale]))
+        behind = self.best.log_joint - one.log_joint, float(self.best.log_evidence[usual] - one.log_evidence[usual])
+        return min(behind) < AS_GOOD
 
     def without(self, ids: Collection[str]) -> ScaledHypothesis:
         """The most probable hypothesis that has none of these effects."""
@@ -147,9 +153,8 @@ class Comparison:
 
     def _as_good_with(self, ids: Collection[str]) -> list[ScaledHypothesis]:
         """The hypotheses with one of these effects, as large as the best and as good."""
-        best = self.best
-        alike = [one for one in self.ranked if len(one.ids) == len(best.ids) and set(one.ids) & set(ids)]
-        return [one for one in alike if best.log_joint - one.log_joint < AS_GOOD]
+        alike = [one for one in self.ranked if len(one.ids) == len(self.best.ids) and set(one.ids) & set(ids)]
+        return [one for one in alike if self._is_as_good(one)]
 
     def law_error(self, one: ScaledHypothesis) -> float:
         """Held-out misfit that a hypothesis leaves, over the misfit that it removes; limited to 1."""
