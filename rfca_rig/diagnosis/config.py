@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 USUAL_ERROR = 0.01  # half-normal size of the error of a model that lacks nothing, as a share of the signal
 NAMED_ERRORS = (0.005, 0.0075, 0.01, 0.015, 0.02, 0.03)  # share of the signal; below the first no real leg and model agree
-UNKNOWN_ERRORS = (0.03, 0.045, 0.07, 0.12, 0.2, 0.35, 0.6)  # share of the signal, log-uniform: something that nobody listed
+UNKNOWN_ERRORS = (0.03, 0.045, 0.07, 0.12, 0.2, 0.35, 0.6)  # share of the signal, log-uniform: something unlisted
 GOOD_FIT = 0.011  # share of the signal: a model error that leaves next to nothing to be explained
 STRAINED, IMPLAUSIBLE = 2.5, 3.5  # prior deviations of a nuisance parameter: an effect may do its work; no credible value
 SHARED = 0.5  # correlation of the discrepancy between conditions

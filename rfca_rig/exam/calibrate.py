@@ -8,7 +8,7 @@ other seeds for that.
 import argparse
 import json
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,10 +22,10 @@ from rfca_rig.diagnosis.decision.calibration import FEATURES, FORMAT, features_i
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam.claims import calibration_error
 from rfca_rig.exam.examine import DIAGNOSES
+from rfca_rig.exam.outcome import truth_in
 from rfca_rig.exam.plan import read_plan
 from rfca_rig.exam.sealing import open_all
-from rfca_rig.exam.statements import STRANGERS
-from rfca_rig.model.families import members_of
+from rfca_rig.exam.statements import is_true
 from rfca_rig.recording.atomic import write_atomically
 
 Floats = NDArray[np.float64]
@@ -60,20 +60,11 @@ def read_labelled(folders: Sequence[Path], kind: str) -> Labelled:
             for one in json.loads(path.read_text(encoding="utf-8")).get("support", ()):
                 if one["kind"] == kind:
                     features.append(features_in(one["values"]))
-                    true.append(_is_true(kind, {one["id"], *one.get("cannot_tell_from", ())}, truth))
+                    true.append(is_true(kind, {one["id"], *one.get("cannot_tell_from", ())}, truth_in(truth)))
                     case.append(f"{folder.name}/{truth['case']}")
     if not features:
         raise BadInput(f"{', '.join(map(str, folders))}: no diagnosis with support for a calibration; run rfca-rig prove first")
     return Labelled(np.array(features), np.array(true), np.array(case))
-
-
-def _is_true(kind: str, names: Collection[str], truth: Mapping[str, Any]) -> bool:
-    """Whether one of the effects, or of the members of the families, is there; an effect outside the catalogue counts for its family."""
-    right = {*truth["effects"], *truth["also_right"]}
-    if kind == "effect":
-        return bool(right.intersection(names))
-    outside = {STRANGERS[name][0] for name in truth["strangers"] if name in STRANGERS}
-    return any(right & members_of(name) or name in outside for name in names)
 
 
 def fit_weights(labelled: Labelled) -> tuple[float, Floats]:

@@ -5,7 +5,7 @@ true if the case conceals it, or one of those that it cannot be told from. A fam
 outside the catalogue that belongs to it.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,20 +89,26 @@ def score_statements(judged: Judged) -> StatementScores:
 
 def statements(truth: Truth, said: Said) -> Iterator[tuple[float, bool]]:
     """The stated probability of each statement of a case, and whether it is true."""
-    there = truth.effects.keys() | truth.accepted
     for claim in said.stated:
-        yield claim.probability, bool(claim.members & there)
+        yield claim.probability, is_true("effect", claim.members, truth)
     if not said.stated and _family_alone(said):
-        yield said.probability, _is_true_family(truth, said.family)
+        yield said.probability, is_true("family", {said.family}, truth)
 
 
 def _family_alone(said: Said) -> bool:
     return said.grade == "family" and bool(said.family)
 
 
-def _is_true_family(truth: Truth, family: str) -> bool:
+def is_true(kind: str, names: Collection[str], truth: Truth) -> bool:
+    """Whether one of these effects, or a member of one of these families, is there.
+
+    An effect outside the catalogue counts for its family.
+    """
+    there = truth.effects.keys() | truth.accepted
+    if kind == "effect":
+        return bool(there & set(names))
     of_strangers = {STRANGERS[name][0] for name in truth.strangers if name in STRANGERS}
-    return bool(members_of(family) & (truth.effects.keys() | truth.accepted)) or family in of_strangers
+    return any(members_of(name) & there or name in of_strangers for name in names)
 
 
 def _has_right_family(truth: Truth, said: Said) -> bool:
@@ -132,6 +138,5 @@ def _probabilities(judged: Judged) -> tuple[list[float], list[bool]]:
     for truth, said in judged:
         for kind, names, probability in said.support:
             if probability >= LEAST:
-                there = bool(names & (truth.effects.keys() | truth.accepted))
-                found.append((probability, there if kind == "effect" else any(_is_true_family(truth, name) for name in names)))
+                found.append((probability, is_true(kind, names, truth)))
     return [probability for probability, _ in found], [right for _, right in found]

@@ -61,14 +61,9 @@ class Calibration:
     intercept: float
     weights: Floats
 
-    def probability(self, support: Support) -> float:
-        """How probable a statement with this support is."""
-        return float(expit(self.intercept + self.weights @ features_of(support)))
-
-
-def features_of(support: Support) -> Floats:
-    """The features of a support, (features,)."""
-    return features_in(support_values(support))
+    def probability(self, values: Mapping[str, float]) -> float:
+        """How probable a statement is whose support has these values."""
+        return float(expit(self.intercept + self.weights @ features_in(values)))
 
 
 def support_values(support: Support) -> dict[str, float]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from rfca_rig.diagnosis.config import AS_GOOD, IMPLAUSIBLE, INFORMATIVE, USUAL_ERROR, VARIES_BY, WORTH_ADDING
+from rfca_rig.diagnosis.config import AS_GOOD, IMPLAUSIBLE, INFORMATIVE, VARIES_BY, WORTH_ADDING
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import log_evidence_by_scale
 from rfca_rig.diagnosis.likelihood.covariance import AtError
@@ -59,6 +59,11 @@ class ScaledHypothesis:
         residuals = loo_residuals(linear, self.whitening, rows.condition, range(int(rows.condition.max()) + 1))
         square = residuals**2 / self.result.judge.usual.variance()
         return np.asarray(np.sqrt(np.bincount(rows.condition, square) / np.bincount(rows.condition)))
+
+    @property
+    def misfit(self) -> float:
+        """The median over conditions of `held_out_rms`."""
+        return float(np.median(self.held_out_rms))
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -133,7 +138,8 @@ class Comparison:
 
     def _is_as_good(self, one: ScaledHypothesis) -> bool:
         """Whether the data do not tell a hypothesis from the best one, or would not if the model erred by as much as models usually do."""
-        usual = int(np.argmin([abs(whitening.s - USUAL_ERROR) for whitening in self.result.judge.every_scale]))
+        judge = self.result.judge
+        usual = [whitening.s for whitening in judge.every_scale].index(judge.usual.s)
         behind = self.best.log_joint - one.log_joint, float(self.best.log_evidence[usual] - one.log_evidence[usual])
         return min(behind) < AS_GOOD
 
@@ -147,9 +153,8 @@ class Comparison:
 
     def _removed_share(self, before: ScaledHypothesis, after: ScaledHypothesis) -> float:
         """Share of the removable held-out misfit of one hypothesis that another one removes."""
-        square, left = (float(np.median(each.held_out_rms)) ** 2 for each in (before, after))
-        removable = square - self.noise_floor**2
-        return (square - left) / removable if removable > 0.0 else 0.0
+        removable = before.misfit**2 - self.noise_floor**2
+        return (before.misfit**2 - after.misfit**2) / removable if removable > 0.0 else 0.0
 
     def _as_good_with(self, ids: Collection[str]) -> list[ScaledHypothesis]:
         """The hypotheses with one of these effects, as large as the best and as good."""
@@ -158,8 +163,7 @@ class Comparison:
 
     def law_error(self, one: ScaledHypothesis) -> float:
         """Held-out misfit that a hypothesis leaves, over the misfit that it removes; limited to 1."""
-        before, after = (float(np.median(each.held_out_rms)) for each in (self.nothing, one))
-        left, removed = max(after**2 - self.noise_floor**2, 0.0), before**2 - after**2
+        left, removed = max(one.misfit**2 - self.noise_floor**2, 0.0), self.nothing.misfit**2 - one.misfit**2
         return float(min(np.sqrt(left / removed), 1.0)) if removed > 0.0 else 1.0
 
     @cached_property

@@ -30,7 +30,7 @@ from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionRe
 from rfca_rig.diagnosis.likelihood.laplace import laplace_posterior
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalPosterior
 from rfca_rig.diagnosis.result import Criterion, Grade, NamedEffect, Rival, StatedFamily, Verdict
-from rfca_rig.model.families import families_of, related
+from rfca_rig.model.families import Family, families_of, related
 
 UNKNOWN = ("unknown",)
 HELD_OUT = "held-out misfit"
@@ -123,17 +123,19 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     best = at_own_scale(comparison.best)
     family = _best_family(comparison, supported)
     is_family = family is not None and family.probability >= STATED
-    criteria = _criteria(explanation or comparison.best, [of_effects[name] for name in (explanation or comparison.best).ids])
+    judged = explanation or comparison.best
+    criteria = _criteria(judged, [of_effects[name] for name in judged.ids])
     decision = Decision(
         "unexplained", found.nothing, best if best.ids else None, criteria=criteria, rivals=rivals, supported=tuple(supported)
     )
     if explanation is not None:
         is_exact = all(criterion.passed for criterion in criteria)
-        effects = tuple(_describe_effect(comparison, explanation, number, of_effects[name]) for number, name in enumerate(explanation.ids))
+        hypothesis = at_own_scale(explanation)
+        effects = tuple(_describe_effect(comparison, hypothesis, number, of_effects[name]) for number, name in enumerate(explanation.ids))
         return replace(
             decision,
             grade="identified" if is_exact else "mostly",
-            explanation=at_own_scale(explanation),
+            explanation=hypothesis,
             closest=None if explanation is comparison.best else best,
             effects=effects,
             family=family if is_family else None,
@@ -144,7 +146,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
         share = comparison.explained_share(comparison.best)
         return replace(decision, grade="family", explanation=best, family=family, probability=family.probability, explained_share=share)
     against_unknown = _probability_against_unknown(found)
-    if _is_adequate(comparison.nothing) and against_unknown > 0.5:
+    if all(criterion.passed for criterion in _criteria(comparison.nothing, ())) and against_unknown > 0.5:
         return replace(decision, grade="nothing missing", probability=against_unknown)
     return replace(decision, probability=1.0 - next(rival.probability for rival in rivals if not rival.ids))
 
@@ -154,31 +156,30 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
     found = []
     for effect_id in comparison.best.ids:
         alike = comparison.as_good_as(effect_id)
-        support = comparison.support((effect_id, *alike))
-        found.append(Supported("effect", effect_id, calibration_of("effect").probability(support), support_values(support), alike))
-    families = {family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)}
-    for family in families.values():
+        values = support_values(comparison.support((effect_id, *alike)))
+        found.append(Supported("effect", effect_id, calibration_of("effect").probability(values), values, alike))
+    for family in _families_of_best(comparison).values():
         # a size at the end of its range speaks against the law, not against its family
-        support = replace(comparison.support(tuple(sorted(family.members))), bound=0.0)
-        found.append(Supported("family", family.id, calibration_of("family").probability(support), support_values(support)))
+        values = support_values(comparison.support(tuple(sorted(family.members)))) | {"bound": 0.0}
+        found.append(Supported("family", family.id, calibration_of("family").probability(values), values))
     return tuple(found)
+
+
+def _families_of_best(comparison: Comparison) -> dict[str, Family]:
+    """The families of the best explanation's effects, by id."""
+    return {family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)}
 
 
 def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Criterion, ...]:
     """What a hypothesis must meet to be identified; the one without effects, to lack nothing."""
     least = min((effect.probability for effect in supported), default=1.0)
-    misfit, strained = float(np.median(one.held_out_rms)), describe_strain(one.hypothesis)
+    strained = describe_strain(one.hypothesis)
     probable = Criterion("probability", least >= SURE, f"{least:.3f} that every effect is there, {SURE:g} needed")
     return (
         *((probable,) if supported else ()),
-        Criterion(HELD_OUT, misfit <= AS_USUAL, f"{misfit:.2f} of what noise and a usual model error make, {AS_USUAL:g} at most"),
+        Criterion(HELD_OUT, one.misfit <= AS_USUAL, f"{one.misfit:.2f} of what noise and a usual model error make, {AS_USUAL:g} at most"),
         Criterion("plausible values", not strained, strained or "all nuisance parameters are near their priors"),
     )
-
-
-def _is_adequate(nothing: ScaledHypothesis) -> bool:
-    """Whether the model without effects errs no more than models do, on held-out conditions too, with plausible nuisance parameters."""
-    return float(np.median(nothing.held_out_rms)) <= AS_USUAL and not describe_strain(nothing.hypothesis)
 
 
 def describe_strain(hypothesis: Hypothesis) -> str:
@@ -189,7 +190,7 @@ def describe_strain(hypothesis: Hypothesis) -> str:
 
 def _best_family(comparison: Comparison, supported: Sequence[Supported]) -> StatedFamily | None:
     """The most probable family of the best explanation's effects; the larger one of two that are as probable, which says less."""
-    known = {family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)}
+    known = _families_of_best(comparison)
     ranked = [(one.probability, len(known[one.id].members), one.id) for one in supported if one.kind == "family"]
     if not ranked:
         return None
@@ -209,10 +210,10 @@ def at_own_scale(one: ScaledHypothesis) -> Hypothesis:
     return replace(one.hypothesis, judgement=judgement)
 
 
-def _describe_effect(comparison: Comparison, one: ScaledHypothesis, number: int, supported: Supported) -> NamedEffect:
+def _describe_effect(comparison: Comparison, hypothesis: Hypothesis, number: int, supported: Supported) -> NamedEffect:
     """One stated effect with its sizes, and those that the data cannot tell it from."""
-    effect = one.hypothesis.fitted.coordinates.choices[number].effect
-    parameters, shape = estimate_sizes(comparison, at_own_scale(one), number)
+    one, effect = comparison.scaled(hypothesis), hypothesis.fitted.coordinates.choices[number].effect
+    parameters, shape = estimate_sizes(comparison, hypothesis, number)
     return NamedEffect(
         id=effect.id,
         left_out=effect.left_out,

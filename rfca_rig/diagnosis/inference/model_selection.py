@@ -139,8 +139,8 @@ def search_models(
     progress("pairs of effects", 0.5)
     if not _is_adequate(state):
         starts = [
-            *_pair_starts(beside_nominal, config.worth_a_fit)[: config.pairs_coarse],
-            *_pair_starts(beside_nothing, config.worth_a_fit)[: config.beside_nothing],
+            *_pair_starts(beside_nominal, config.pairs_coarse, config.worth_a_fit),
+            *_pair_starts(beside_nothing, config.beside_nothing, config.worth_a_fit),
         ]
         state = _fit_best(state, starts, config.pairs_full)
     state = _fit_best(state, _partner_starts(state, 1, beside_nothing, config), config.pairs_full)
@@ -211,8 +211,8 @@ def _single_starts(screen: Screen, count: int, least: float) -> list[Start]:
     return [_beside(screen.base, (probe,)) for _, probe in sorted(found, key=lambda pair: -pair[0])]
 
 
-def _pair_starts(screen: Screen, least: float) -> list[Start]:
-    """The best grid points of each pair of effects that could take away `least` of chi-square together, most promising first."""
+def _pair_starts(screen: Screen, count: int, least: float) -> list[Start]:
+    """The best grid points of at most `count` pairs of effects that promise `least` of chi-square together, most promising first."""
     probes = screen.probes
     if len(probes) < 2:
         return []
@@ -222,7 +222,7 @@ def _pair_starts(screen: Screen, least: float) -> list[Start]:
         pair = frozenset((probes[i].choice, probes[j].choice))
         if probes[i].choice.effect.id != probes[j].choice.effect.id and gain[i, j] > best.get(pair, (least, 0, 0))[0]:
             best[pair] = (float(gain[i, j]), i, j)
-    ranked = sorted(best.values(), reverse=True)
+    ranked = sorted(best.values(), reverse=True)[:count]
     return [_beside(screen.base, (probes[i], probes[j])) for _, i, j in ranked]
 
 
