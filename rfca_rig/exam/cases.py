@@ -10,12 +10,13 @@ from rfca_rig.exam.believed import OffBy, drawn_off
 from rfca_rig.exam.designs import ONE_STROKE, PAPER_CONDITIONS, THREE_BY_THREE, Design
 from rfca_rig.exam.labels import MISLABELLED
 from rfca_rig.exam.laws import Law, drawn_law
+from rfca_rig.exam.pendulum_cases import PENDULUM_KINDS, PendulumCase, drawn_pendulum
 from rfca_rig.exam.sizes import SPANS, stranger_values, values_of
 from rfca_rig.exam.strangers import NAMES
 from rfca_rig.exam.structured import Structured, drawn_structured
 from rfca_rig.exam.uneven import Uneven, drawn_approximate, drawn_uneven
 
-NOTHING, MODEL_ERROR, SINGLE, PAIR, STRANGER, WRONG_LAW, POOR_DATA, MISLABEL, APPROXIMATE, TRIPLE = KINDS = (
+NOTHING, MODEL_ERROR, SINGLE, PAIR, STRANGER, WRONG_LAW, POOR_DATA, MISLABEL, APPROXIMATE, TRIPLE = LEG_KINDS = (
     "nothing missing",
     "nothing missing, model error",
     "one effect",
@@ -27,6 +28,7 @@ NOTHING, MODEL_ERROR, SINGLE, PAIR, STRANGER, WRONG_LAW, POOR_DATA, MISLABEL, AP
     "approximate law",
     "three effects",
 )
+KINDS = (*LEG_KINDS, *PENDULUM_KINDS)
 
 DEFAULT_NUMBERS: Mapping[str, int] = {
     NOTHING: 60,
@@ -39,6 +41,7 @@ DEFAULT_NUMBERS: Mapping[str, int] = {
     MISLABEL: 30,
     APPROXIMATE: 60,
     TRIPLE: 30,
+    **dict(zip(PENDULUM_KINDS, (30, 60, 20, 20), strict=True)),
 }
 
 LEVELS = 5
@@ -74,7 +77,7 @@ class Case:
     mislabelled: str | None = None
 
 
-def drawn_cases(seed: int, numbers: Mapping[str, int] = DEFAULT_NUMBERS) -> list[Case]:
+def drawn_cases(seed: int, numbers: Mapping[str, int] = DEFAULT_NUMBERS) -> list[Case | PendulumCase]:
     """As many cases of each kind as `numbers` says, in random order so that a name tells nothing. The same seed, the same cases.
 
     Case i of a kind does not depend on how many there are of it or of others, but for its id.
@@ -95,7 +98,9 @@ def shared_out(total: int) -> dict[str, int]:
     return numbers
 
 
-def _drawn(kind: str, i: int, random: np.random.Generator) -> Case:
+def _drawn(kind: str, i: int, random: np.random.Generator) -> Case | PendulumCase:
+    if kind in PENDULUM_KINDS:
+        return drawn_pendulum(kind, i, random)
     design = PAPER_CONDITIONS if random.random() < 0.2 else THREE_BY_THREE
     as_believed = kind == NOTHING and i % 2 == 0
     late_s = 0.0 if as_believed else float(random.spawn(1)[0].uniform(0.0, LATEST_S))

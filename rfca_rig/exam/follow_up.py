@@ -59,7 +59,7 @@ def follow_up(folder: Path, diagnose: Diagnose, crew: Crew, told: Told = silent)
     Raises RigError where one could not be followed, when the others are done.
     """
     plan = read_plan(folder)
-    cases = {case.id: case for case in drawn_cases(plan.seed, plan.numbers) if case.kind == POOR_DATA}
+    cases = {case.id: case for case in drawn_cases(plan.seed, plan.numbers) if isinstance(case, Case) and case.kind == POOR_DATA}
     truths = {truth["case"]: truth_in(truth) for truth in open_all(folder) if truth["case"] in cases}
     jobs = [(case, truths[id_], arm) for id_, case in cases.items() for arm in ARMS]
     worked_off(crew, partial(followed, folder.resolve(), diagnose), jobs, _case_and_arm, "open cases followed", told)

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rfca_rig.crew.form import Crew
 from rfca_rig.crew.local import crew as crew_here
@@ -12,6 +13,8 @@ from rfca_rig.crew.told import Told, silent
 from rfca_rig.errors import RigError
 from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import KINDS, Case, drawn_cases, shared_out
+from rfca_rig.exam.pendulum_campaign import truth_of_pendulum, write_pendulum_campaign
+from rfca_rig.exam.pendulum_cases import PendulumCase
 from rfca_rig.exam.plan import Plan, begin
 from rfca_rig.exam.sealing import complete, is_sealed, seal_all, unwritten
 from rfca_rig.exam.truth import truth_of
@@ -45,23 +48,30 @@ def write_all(folder: Path, plan: Plan, crew: Crew, told: Told = silent) -> list
     return [campaigns / case.id for case in cases]
 
 
-def _seal(cases: Sequence[Case], folder: Path, crew: Crew, told: Told) -> None:
+def _seal(cases: Sequence[Case | PendulumCase], folder: Path, crew: Crew, told: Told) -> None:
     """Seals all truths, or completes what was sealed."""
     sealed = is_sealed(folder)
     missing = set(unwritten(folder)) if sealed else {case.id for case in cases}
     to_seal = [case for case in cases if case.id in missing]
-    truths = worked_off(crew, truth_of, to_seal, _id, "truths sealed", told, len(cases) - len(to_seal))
+    truths = worked_off(crew, _truth_of, to_seal, _id, "truths sealed", told, len(cases) - len(to_seal))
     (complete if sealed else seal_all)([truths[case.id] for case in to_seal], folder)
 
 
-def _id(case: Case) -> str:
+def _id(case: Case | PendulumCase) -> str:
     return case.id
 
 
-def _write_whole(campaigns: Path, case: Case) -> None:
+def _truth_of(case: Case | PendulumCase) -> dict[str, Any]:
+    return truth_of_pendulum(case) if isinstance(case, PendulumCase) else truth_of(case)
+
+
+def _write_whole(campaigns: Path, case: Case | PendulumCase) -> None:
     """A campaign that is there is whole."""
     with whole(campaigns / case.id) as into:
-        write_campaign(case, into)
+        if isinstance(case, PendulumCase):
+            write_pendulum_campaign(case, into)
+        else:
+            write_campaign(case, into)
 
 
 def main() -> int:

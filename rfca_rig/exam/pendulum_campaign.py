@@ -1,0 +1,176 @@
+"""A pendulum case written as a campaign folder, and the truth about it."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.exam.pendulum_cases import KNOWN_TO, PendulumCase, damping_std, offset_std, swing_rad_s, torque_scale_Nm
+from rfca_rig.exam.pendulum_world import PendulumTrace, PendulumWorld, Tones, swing
+
+Floats = NDArray[np.float64]
+
+RUN_S = 6.0
+TONES = 4  # of a commanded torque, from half to twice the frequency of the small swing
+DRIVE_SHARE = 0.2  # of the weight's greatest torque, most of each tone of the first joint
+WINDOW_S, WINDOWS = 0.5, 3  # of a run, in which is judged how much shows
+MODEL_ERROR = 0.01  # share of the torques
+
+
+def write_pendulum_campaign(case: PendulumCase, folder: Path) -> None:
+    """Writes the case's campaign into `folder`, which is made; nothing in it says what is concealed."""
+    (folder / "runs").mkdir(parents=True)
+    joints, random = case.world.joints, np.random.default_rng(case.seed)
+    names = [f"{quantity}{joint}" for quantity in ("angle", "speed", "torque") for joint in range(1, joints + 1)]
+    entries = []
+    for number, driven in enumerate(case.driven, start=1):
+        trace = run(case, case.concealed, number)
+        angle = trace.angle_rad + case.reading.angle_std_rad * random.standard_normal(trace.angle_rad.shape)
+        speed = trace.speed_rad_s + case.reading.speed_std_rad_s * random.standard_normal(trace.speed_rad_s.shape)
+        rows = np.column_stack([trace.t_s, angle, speed, trace.torque_Nm])
+        file = f"runs/run-{number}.csv"
+        lines = [",".join(["t", *names]), *(",".join(f"{value:.6f}" for value in row) for row in rows.tolist())]
+        (folder / file).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        entries.append(f'[[runs]]\nfile = "{file}"\ncondition = "run {number}"\ndriven = {str(driven).lower()}\n')
+    (folder / "pendulum.toml").write_text("\n".join([_head(case.nominal), *entries]), encoding="utf-8")
+
+
+def _head(nominal: PendulumWorld) -> str:
+    known_to = {**KNOWN_TO, "joint_damping_Nm_s_per_rad": damping_std(nominal), "torque_offset_Nm": offset_std(nominal)}
+    lines = ['format = "rfca-pendulum/1"', 'title = "A pendulum"', ""]
+    for joint in range(nominal.joints):
+        lines += [
+            f"[link{joint + 1}]",
+            f"length_m = {nominal.length_m[joint]:.6f}",
+            f"mass_kg = {nominal.mass_kg[joint]:.6f}",
+            f"centre_of_mass_m = {nominal.centre_m[joint]:.6f}",
+            f"inertia_kg_m2 = {nominal.inertia_kg_m2[joint]:.6e}",
+            f"joint_damping_Nm_s_per_rad = {nominal.damping_Nm_s_per_rad[joint]:.6e}",
+            "",
+        ]
+    lines += ["[known_to]", *(f"{key} = {value:.6g}" for key, value in known_to.items()), "", "[columns]", 't_s = "t"']
+    for joint in range(1, nominal.joints + 1):
+        lines += [f'angle{joint}_rad = "angle{joint}"', f'speed{joint}_rad_s = "speed{joint}"', f'torque{joint}_Nm = "torque{joint}"']
+    return "\n".join([*lines, ""])
+
+
+def run(case: PendulumCase, world: PendulumWorld, number: int) -> PendulumTrace:
+    """One run of a case, without the readings' noise. The same number, the same command and start."""
+    random = np.random.default_rng([case.seed, 1, number])
+    start = np.zeros(2 * world.joints)
+    start[: world.joints] = random.uniform(-1.0, 1.0, world.joints) * (0.5 if case.driven[number - 1] else 2.0)
+    t_s = np.arange(0.0, RUN_S, case.reading.sample_s)
+    return swing(world, start, _command(case, number), t_s, case.driven[number - 1])
+
+
+def _command(case: PendulumCase, number: int) -> Tones:
+    """Torques of some tones each, that of the second joint weaker as it carries less."""
+    joints, random = case.world.joints, np.random.default_rng([case.seed, 2, number])
+    omega = swing_rad_s(case.world) * np.exp(random.uniform(np.log(0.5), np.log(2.0), (TONES, joints)))
+    phase = random.uniform(0.0, 2.0 * np.pi, (TONES, joints))
+    size = DRIVE_SHARE * torque_scale_Nm(case.world) * random.uniform(0.5, 1.0, (TONES, joints)) * np.array([1.0, 0.3])[:joints]
+    return Tones(size, omega, phase)
+
+
+def truth_of_pendulum(case: PendulumCase) -> dict[str, Any]:
+    """The truth of a case as plain data, with the keys of a leg's."""
+    hidden = {**case.effects, **case.strangers}
+    each = {name: _size_of(case, {name: values}) for name, values in hidden.items()}
+    shift, left, above = _size_of(case, hidden) if len(hidden) > 1 else next(iter(each.values()), (0.0, 0.0, 0.0))
+    return {
+        "format": "rfca-exam-truth/1",
+        "case": case.id,
+        "kind": case.kind,
+        "effects": {name: dict(values) for name, values in case.effects.items()},
+        "strangers": {name: dict(values) for name, values in case.strangers.items()},
+        "mislabelled": None,
+        "also_right": [],
+        "silence_is_right": False,
+        "strength": case.strength,
+        "size": {"shift_over_noise": shift, "left_over_noise": left, "left_over_model_error": above},
+        "left_of_each": {name: each[name][1] for name in case.effects},
+        "above_of_each": {name: each[name][2] for name in case.effects},
+        "structured": None,
+        "uneven": None,
+        "world": asdict(case.world),
+        "friction": asdict(case.friction),
+        "drag_power": case.drag_power,
+        "design": {"conditions": [f"run {number}" for number in range(1, len(case.driven) + 1)]},
+        "seed": case.seed,
+    }
+
+
+def _size_of(case: PendulumCase, hidden: Mapping[str, Mapping[str, float]]) -> tuple[float, float, float]:
+    """Root mean square of what is hidden changes in the channel that shows most, over short windows from the true state.
+
+    Returns
+    -------
+    float, float, float
+        In units of a sample's noise: as it is; beyond what nominal values and the window's start explain, linearly, each with a prior; the
+        same in units of noise and of what torques wrong by MODEL_ERROR do.
+    """
+    plain = replace(case, effects={}, strangers={})
+    whole = replace(
+        case,
+        effects={name: dict(v) for name, v in hidden.items() if name in case.effects},
+        strangers={name: dict(v) for name, v in hidden.items() if name in case.strangers},
+    )
+    traces = [run(case, whole.concealed, number) for number in range(1, len(case.driven) + 1)]
+    starts = [(number, float(t)) for number in range(1, len(case.driven) + 1) for t in np.linspace(0.5, RUN_S - WINDOW_S, WINDOWS)]
+    noise = np.repeat([case.reading.angle_std_rad, case.reading.speed_std_rad_s], case.world.joints)
+
+    def windows(world: PendulumWorld, start_off: Floats | None = None) -> Floats:
+        """All windows, (windows, samples, channels), in units of noise."""
+        found = []
+        for number, start_s in starts:
+            trace = traces[number - 1]
+            row = int(np.searchsorted(trace.t_s, start_s))
+            state = trace.state[row] + (0.0 if start_off is None else start_off)
+            t_s = trace.t_s[row] + np.linspace(0.0, WINDOW_S, 26)
+            part = swing(world, state, _command(case, number), t_s, case.driven[number - 1])
+            found.append(np.column_stack([part.angle_rad, part.speed_rad_s]) / noise)
+        return np.array(found)
+
+    base = windows(plain.concealed)
+    shift = windows(whole.concealed) - base
+    moves = [windows(moved) - base for moved in _moved(plain.concealed)]
+    states = [windows(plain.concealed, off) - base for off in np.diag(3.0 * noise)]
+    torque = replace(plain.concealed, torque_offset_Nm=tuple(MODEL_ERROR * torque_scale_Nm(case.world) for _ in noise))
+    error = np.abs(windows(torque) - base)
+    left = _left(shift, moves, states, np.ones_like(base))
+    return _rms(shift), left, _left(shift, moves, states, np.hypot(1.0, error))
+
+
+def _moved(world: PendulumWorld) -> list[PendulumWorld]:
+    """The rig with one nominal value after the other off by its standard deviation, in all links together."""
+    mass = 1.0 + KNOWN_TO["mass_relative"]
+    return [
+        replace(world, mass_kg=tuple(mass * m for m in world.mass_kg), inertia_kg_m2=tuple(mass * m for m in world.inertia_kg_m2)),
+        replace(world, centre_m=tuple(c + KNOWN_TO["centre_of_mass_m"] for c in world.centre_m)),
+        replace(world, damping_Nm_s_per_rad=tuple(c + damping_std(world) for c in world.damping_Nm_s_per_rad)),
+        replace(world, torque_offset_Nm=tuple(t + offset_std(world) for t in world.torque_offset_Nm)),
+        replace(world, torque_delay_s=world.torque_delay_s + KNOWN_TO["torque_delay_s"]),
+    ]
+
+
+def _left(shift: Floats, moves: list[Floats], states: list[Floats], units: Floats) -> float:
+    """What remains in these units when nominal values, with their priors, and each window's start explain what they can."""
+    J = np.array([m / units for m in moves])
+    rest, own = shift / units, np.array([s / units for s in states])
+    # the start of a window is free for itself: project it out of everything
+    for w in range(len(rest)):
+        basis, _ = np.linalg.qr(own[:, w].reshape(len(own), -1).T)
+        for rows in (rest[w], *(J[k, w] for k in range(len(J)))):
+            flat = rows.reshape(-1)
+            rows -= (basis @ (basis.T @ flat)).reshape(rows.shape)
+    A = J.reshape(len(J), -1).T
+    z = np.linalg.solve(A.T @ A + np.eye(len(J)), A.T @ rest.reshape(-1))
+    return _rms(rest - np.tensordot(z, J, 1))
+
+
+def _rms(x: Floats) -> float:
+    """The largest of the channels."""
+    return float(np.sqrt((x**2).mean(axis=(0, 1))).max())

@@ -1,0 +1,103 @@
+"""The exam's pendulums: an independent simulator, checked against the package's model; cases, campaigns and truths."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfca_rig.campaign.pendulum import read_pendulum_campaign
+from rfca_rig.exam.cases import drawn_cases
+from rfca_rig.exam.pendulum_campaign import truth_of_pendulum, write_pendulum_campaign
+from rfca_rig.exam.pendulum_cases import (
+    PENDULUM_KINDS,
+    PENDULUM_NOTHING,
+    PENDULUM_PAIR,
+    PENDULUM_SINGLE,
+    SPANS,
+    PendulumCase,
+    Reading,
+    _values,
+    torque_scale_Nm,
+)
+from rfca_rig.exam.pendulum_world import Friction, PendulumWorld, Tones, swing
+from rfca_rig.model.joint_drive import torque_trace
+from rfca_rig.model.parameters import PresentEffect
+from rfca_rig.model.pendulum import Pendulum, PendulumLink
+from rfca_rig.model.pendulum import swing as swing_of_model
+
+RIG = PendulumWorld((0.4, 0.3), (0.6, 0.4), (0.3, 0.2), (0.06, 0.018), (0.004, 0.003))
+ONE = PendulumWorld((0.4,), (0.6,), (0.3,), (0.06,), (0.004,))
+CASE = PendulumCase("case", PENDULUM_SINGLE, 1, RIG, RIG, Reading(), (True,), friction=Friction(sign_rad_s=5e-4))
+
+
+def tones(world):
+    random = np.random.default_rng(3)
+    shape = (3, world.joints)
+    return Tones(0.3 * torque_scale_Nm(world) * random.random(shape), random.uniform(3.0, 12.0, shape), random.uniform(0.0, 6.0, shape))
+
+
+def by_model(world, start, command, t_s, effects):
+    """The same motion by the package's model."""
+    n = world.joints
+    links = zip(world.length_m, world.mass_kg, world.centre_m, world.inertia_kg_m2, world.damping_Nm_s_per_rad, strict=True)
+    before = np.arange(-0.2, t_s[-1] + 0.01, 1e-3)
+    trace = torque_trace(before, np.array([command.at(t) for t in before]))
+    return swing_of_model(Pendulum(tuple(PendulumLink(*link) for link in links)), trace, start[:n], start[n:], t_s[1:], effects)
+
+
+@pytest.mark.parametrize("world", [ONE, RIG], ids=["one link", "two links"])
+@pytest.mark.parametrize("effect", [None, *SPANS])
+def test_both_simulators_agree_on_what_an_effect_does(world, effect):
+    if effect == "joint_friction_of_one" and world is ONE:
+        return
+    start = np.array([0.5, -0.4, 2.0, 1.5]) if world is RIG else np.array([0.5, 2.0])
+    values = {} if effect is None else _values(effect, 0.7, world, np.random.default_rng(1))
+    case = replace(CASE, world=world, effects={} if effect is None else {effect: values})
+    t_s, command = np.arange(0.0, 0.4, 1e-3), tones(world)
+    ours, plain = (swing(each, start, command, t_s) for each in (case.concealed, replace(case, effects={}).concealed))
+    present = [] if effect is None else [PresentEffect(effect, tuple(values.items()))]
+    # the model begins from readings: angles, and the speed that they show
+    began = np.concatenate([ours.angle_rad[0], np.gradient(ours.angle_rad, t_s, axis=0, edge_order=2)[0]])
+    model = by_model(world, began, command, t_s, present)
+    off = np.abs(np.column_stack([model.angle_rad, model.speed_rad_s]) - np.column_stack([ours.angle_rad, ours.speed_rad_s])[1:]).max()
+    shift = np.abs(np.column_stack([ours.angle_rad - plain.angle_rad, ours.speed_rad_s - plain.speed_rad_s])).max()
+    # laws differ a little on purpose: how a joint begins to slide, a power of the motor's torque
+    assert off < (2e-3 if effect is None else 0.15 * shift + 2e-3)
+
+
+def test_a_delay_and_a_lag_move_the_tones_as_they_move_a_signal():
+    command = tones(ONE)
+    late, t_s = command.later(0.01, 0.02), np.arange(0.0, 1.0, 1e-4)
+    lagged = np.array([command.at(t) for t in t_s - 0.01])[:, 0]
+    slow = np.array([late.at(t) for t in t_s])[:, 0]
+    assert np.allclose(slow + 0.02 * np.gradient(slow, t_s), lagged, atol=2e-3)
+
+
+def test_cases_of_every_kind_are_drawn_the_same_again():
+    numbers = dict.fromkeys(PENDULUM_KINDS, 3)
+    cases = drawn_cases(7, numbers)
+    assert cases == drawn_cases(7, numbers)
+    assert sorted(case.kind for case in cases) == sorted(3 * PENDULUM_KINDS)
+    sizes = {case.kind: len(case.effects) + len(case.strangers) for case in cases}
+    assert sizes == dict(zip(PENDULUM_KINDS, (0, 1, 2, 1), strict=True))
+
+
+def test_a_campaign_is_read_as_believed_and_tells_nothing_of_what_is_concealed(tmp_path):
+    case = drawn_cases(7, {PENDULUM_PAIR: 1})[0]
+    write_pendulum_campaign(case, tmp_path / "one")
+    found = read_pendulum_campaign(tmp_path / "one")
+    assert len(found.runs) == 3 and [run.powered for run in found.runs] == list(case.driven)
+    assert found.pendulum.links[0].mass_kg == pytest.approx(case.nominal.mass_kg[0], rel=1e-5) != case.world.mass_kg[0]
+    text = (tmp_path / "one" / "pendulum.toml").read_text(encoding="utf-8")
+    assert not any(name in text for name in case.effects)
+
+
+def test_the_truth_says_how_much_shows():
+    case = replace(drawn_cases(7, {PENDULUM_NOTHING: 1})[0], kind=PENDULUM_SINGLE)
+    sizes = []
+    for share in (0.01, 0.1):
+        values = {"torque_Nm": share * torque_scale_Nm(case.world)}
+        truth = truth_of_pendulum(replace(case, effects={"joint_friction": values}))
+        sizes.append(truth["size"]["left_over_noise"])
+        assert truth["left_of_each"]["joint_friction"] == sizes[-1] <= truth["size"]["shift_over_noise"]
+    assert sizes[1] > 5.0 * sizes[0] > 0.0
