@@ -49,7 +49,7 @@ STRANGERS: Mapping[str, tuple[float, float]] = {
     "cable_spring": (0.05, 0.5),
     "torque_cogging": (0.04, 0.4),
     "torque_saturation": (0.9, 0.35),
-    "friction_by_direction": (0.1, 0.3),
+    "joint_friction_by_direction": (0.1, 0.3),
 }
 # what the data of a pendulum cannot separate, or what one joint has no place for
 NEVER_TOGETHER = ({"torque_delay", "torque_lag"}, {"speed_lag", "angle_lag"}, {"joint_friction", "joint_friction_of_one"})
@@ -195,7 +195,7 @@ def _values(name: str, strength: float, world: PendulumWorld, random: np.random.
         "cable_spring": {"stiffness_Nm_per_rad": share * torque},
         "torque_cogging": {"torque_Nm": share * torque},
         "torque_saturation": {"limit_Nm": share * torque},
-        "friction_by_direction": {"torque_Nm": share * torque, "backward_share": 0.3},
+        "joint_friction_by_direction": {"torque_Nm": share * torque, "backward_share": 0.3},
     }
     return values[name]
 
@@ -223,7 +223,7 @@ _WITH: Mapping[str, Callable[[PendulumWorld, Values], PendulumWorld]] = {
     "joint_friction": _dry,
     "joint_friction_of_one": _dry,
     "joint_stribeck": _dry,
-    "friction_by_direction": _dry,
+    "joint_friction_by_direction": _dry,
     "joint_load_friction": _lossy,
     "hinge_viscous_damping": _damped,
     "fluid_drag": lambda world, v: replace(world, drag_N_s2_per_m3=v["coefficient_N_s2_per_m3"]),

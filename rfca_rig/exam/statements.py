@@ -13,12 +13,15 @@ import numpy as np
 from rfca_rig.exam import cases
 from rfca_rig.exam.claims import Judged, calibration_error, parameter_errors
 from rfca_rig.exam.outcome import Truth
+from rfca_rig.exam.pendulum_cases import PENDULUM_NOTHING
 from rfca_rig.exam.said import Said
 from rfca_rig.model.families import families_of, members_of
 
 SURE = 0.8  # stated probability from which a wrong statement counts
 LEAST = 0.3  # probabilities below are of no statement; their calibration is not asked for
 BINS = 7
+
+NULL_KINDS = (cases.NOTHING, cases.MODEL_ERROR, PENDULUM_NOTHING)
 
 # Of each effect outside the catalogue: the family it belongs to, and the part of the rig where it acts.
 STRANGERS: Mapping[str, tuple[str, str]] = {
@@ -35,6 +38,10 @@ STRANGERS: Mapping[str, tuple[str, str]] = {
     "stiffness_falls_with_repeats": ("hinge_stiffness", "hinges"),
     "floor_bump": ("floor_geometry", "ground"),
     "spring_preset": ("hinge_stiffness", "hinges"),
+    "cable_spring": ("", "joints"),
+    "torque_cogging": ("", "joints"),
+    "torque_saturation": ("torque_scale", "joints"),
+    "joint_friction_by_direction": ("joint_dissipation", "joints"),
 }
 
 
@@ -62,7 +69,7 @@ class StatementScores:
 
 def score_statements(judged: Judged) -> StatementScores:
     """The scores of these cases."""
-    null = [said for truth, said in judged if truth.kind in (cases.NOTHING, cases.MODEL_ERROR)]
+    null = [said for truth, said in judged if truth.kind in NULL_KINDS]
     sure = [right for truth, said in judged for probability, right in statements(truth, said) if probability >= SURE]
     approximate = [pair for pair in judged if pair[0].kind == cases.APPROXIMATE]
     triples = [pair for pair in judged if pair[0].kind == cases.TRIPLE]
