@@ -31,7 +31,7 @@ class Bar:
 
 def bars(marks: Marks) -> Sequence[Bar]:
     """All bars, the most important first."""
-    found, given, graded = marks.calibration, marks.values, marks.statements
+    found, given, graded, swings = marks.calibration, marks.values, marks.statements, marks.pendulums
     return (
         _most("nothing missing: effects or families stated", Share(*graded.claims_on_nothing), 0.0),
         _most("wrong effects or families stated at 80 % or more", Share(*graded.wrong), 0.02),
@@ -40,6 +40,7 @@ def bars(marks: Marks) -> Sequence[Bar]:
         _most("strangers given a wrong name at 90 % or more", marks.stranger_confident_wrong, 0.05),
         _least("strangers told as unexplained", marks.stranger_unexplained, 0.8),
         _least("one effect that can be seen: right, or in its class", marks.single_in_class_detectable, 0.95),
+        _least("the same: effect or family stated at any grade", Share(*graded.singles), 0.95),
         _least("one effect above a model error of 1 %: the same", marks.single_in_class_above, 0.9),
         _least("two effects that can be seen: exactly both", marks.pairs_exact_detectable, 0.9),
         _least("two effects above a model error of 1 %: the same", marks.pairs_exact_above, 0.8),
@@ -59,6 +60,11 @@ def bars(marks: Marks) -> Sequence[Bar]:
         Bar("median error of parameters", given.median_error, None, 0.1, f"{given.count} values"),
         _least("stated sizes inside their 90 % interval", Share(*graded.sizes), 0.87),
         Bar("parameters of names inside their 90 % interval", given.coverage_90, 0.85, 0.95, f"{given.count} values"),
+        _most("pendulums, nothing missing: effects or families stated", Share(*swings.claims_on_nothing), 0.0),
+        _most("pendulums: wrong effects or families at 80 % or more", Share(*swings.wrong), 0.02),
+        _least("pendulums, one effect that can be seen: it or its family", Share(*swings.singles), 0.9),
+        _least("pendulums: stated sizes inside their 90 % interval", Share(*swings.sizes), 0.87),
+        Bar("pendulums: calibration error", swings.calibration_error, None, 0.05, f"{swings.probabilities} probabilities"),
         Bar("gap closed on held-out conditions", marks.gap_closed, 0.8, None, f"{marks.gap_worse.of} cases"),
     )
 

@@ -23,10 +23,9 @@ from rfca_rig.exam.campaign_of import add_experiment
 from rfca_rig.exam.cases import POOR_DATA, Case, drawn_cases
 from rfca_rig.exam.examine import DIAGNOSES, Diagnose
 from rfca_rig.exam.marking import DIAGNOSIS
-from rfca_rig.exam.outcome import RIGHT, Truth, outcome, truth_in
+from rfca_rig.exam.outcome import DETECTABLE, RIGHT, Truth, outcome, truth_in
 from rfca_rig.exam.plan import read_plan
 from rfca_rig.exam.said import NAMED, NOTHING, read_said
-from rfca_rig.exam.score import DETECTABLE
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.exam.working_off import worked_off
 from rfca_rig.exam.write import CAMPAIGNS

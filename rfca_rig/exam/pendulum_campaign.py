@@ -157,18 +157,17 @@ def _moved(world: PendulumWorld) -> list[PendulumWorld]:
 
 
 def _left(shift: Floats, moves: list[Floats], states: list[Floats], units: Floats) -> float:
-    """What remains in these units when nominal values, with their priors, and each window's start explain what they can."""
-    J = np.array([m / units for m in moves])
-    rest, own = shift / units, np.array([s / units for s in states])
-    # the start of a window is free for itself: project it out of everything
-    for w in range(len(rest)):
-        basis, _ = np.linalg.qr(own[:, w].reshape(len(own), -1).T)
-        for rows in (rest[w], *(J[k, w] for k in range(len(J)))):
-            flat = rows.reshape(-1)
-            rows -= (basis @ (basis.T @ flat)).reshape(rows.shape)
-    A = J.reshape(len(J), -1).T
-    z = np.linalg.solve(A.T @ A + np.eye(len(J)), A.T @ rest.reshape(-1))
-    return _rms(rest - np.tensordot(z, J, 1))
+    """What remains in these units when nominal values, with their priors, and each window's start, which is free, explain what they can."""
+    windows = len(shift)
+    rest, *columns = ((each / units).reshape(windows, -1) for each in (shift, *moves))
+    starts = [np.linalg.qr(np.stack([(each / units)[w].ravel() for each in states], axis=1))[0] for w in range(windows)]
+
+    def beyond_start(x: Floats) -> Floats:
+        return np.stack([row - basis @ (basis.T @ row) for row, basis in zip(x, starts, strict=True)])
+
+    rest, J = beyond_start(rest), np.stack([beyond_start(column).ravel() for column in columns], axis=1)
+    z = np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ rest.ravel())
+    return _rms((rest.ravel() - J @ z).reshape(shift.shape))
 
 
 def _rms(x: Floats) -> float:

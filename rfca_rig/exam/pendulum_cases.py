@@ -170,7 +170,7 @@ def offset_std(world: PendulumWorld) -> float:
 
 def _values(name: str, strength: float, world: PendulumWorld, random: np.random.Generator) -> Values:
     """The values of an effect or stranger at a strength, in the catalogue's parameters."""
-    faint, strong = (SPANS | STRANGERS)[name]
+    faint, strong = {**SPANS, **STRANGERS}[name]
     share, sign = float(faint * (strong / faint) ** strength), float(random.choice([-1.0, 1.0]))
     torque, speed = torque_scale_Nm(world), swing_rad_s(world)
     values: Mapping[str, Values] = {

@@ -35,7 +35,7 @@ class Tones:
         return Tones(self.size * np.cos(turn), self.omega, self.phase - self.omega * delay_s - turn)
 
     def __len__(self) -> int:
-        return self.size.shape[1]
+        return int(self.size.shape[1])
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class PendulumWorld:
         return np.array([first * on_first + self.length_m[0] * turned * on_second, half * on_second])
 
     def _across(self, length_m: float, speed_m_s: float) -> float:
-        return -self.drag_N_s2_per_m3 * length_m * np.sign(speed_m_s) * abs(speed_m_s) ** self.drag_power
+        return float(-self.drag_N_s2_per_m3 * length_m * np.sign(speed_m_s) * abs(speed_m_s) ** self.drag_power)
 
 
 @dataclass(frozen=True)

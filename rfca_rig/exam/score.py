@@ -9,12 +9,11 @@ import numpy as np
 
 from rfca_rig.exam import cases
 from rfca_rig.exam.claims import CONFIDENT, Calibration, Judged, Values, calibration, values
-from rfca_rig.exam.outcome import CLASS, EXTRA, PARTIAL, RIGHT, SILENT, WRONG, Truth, false_claims, outcome, truth_in
+from rfca_rig.exam.outcome import CLASS, DETECTABLE, EXTRA, PARTIAL, RIGHT, SILENT, WRONG, Truth, false_claims, outcome, truth_in
+from rfca_rig.exam.pendulum_cases import PENDULUM_KINDS
 from rfca_rig.exam.said import NAMED, NOTHING, Said
 from rfca_rig.exam.statements import StatementScores, score_statements
 from rfca_rig.exam.worst import Miss, worst
-
-DETECTABLE = 2.0  # shift of the forces that believed values cannot explain, in units of a sample's noise
 
 _NULL_KINDS = (cases.NOTHING, cases.MODEL_ERROR)
 
@@ -47,8 +46,8 @@ class Share:
 
 @dataclass(frozen=True)
 class Marks:
-    """All marks. "Detectable" means shifted by more than DETECTABLE beyond what believed values explain; "above" by as much in units of
-    noise and usual model error.
+    """All marks, of legs but for `pendulums`, the scores of statements about these. "Detectable" means shifted by
+    more than DETECTABLE beyond what believed values explain; "above" by as much in units of noise and usual model error.
 
     `outcomes` counts outcomes per kind; `confusion` counts (true effect, what was said) over cases with one effect;
     `power` is the share named right per fifth of the strength. `false_alarms`, `missed`, `detection_errors` and `classification_errors`
@@ -88,13 +87,15 @@ class Marks:
     gap_closed: float
     gap_worse: Share
     statements: StatementScores
+    pendulums: StatementScores
     worst: tuple[Miss, ...]
 
 
 def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, Said]) -> Marks:
     """The marks of `diagnoses` by case. A case without one counts as refused."""
-    judged = [(truth, diagnoses.get(truth.case, Said("refused"))) for truth in map(truth_in, truths)]
-    by_kind = {kind: [pair for pair in judged if pair[0].kind == kind] for kind in cases.KINDS}
+    everything = [(truth, diagnoses.get(truth.case, Said("refused"))) for truth in map(truth_in, truths)]
+    by_kind = {kind: [pair for pair in everything if pair[0].kind == kind] for kind in cases.KINDS}
+    judged = [pair for kind in cases.LEG_KINDS for pair in by_kind[kind]]
     single, pairs, strangers = by_kind[cases.SINGLE], by_kind[cases.PAIR], by_kind[cases.STRANGER]
     detectable = [(truth, said) for truth, said in single if truth.left >= DETECTABLE]
     null = [pair for kind in _NULL_KINDS for pair in by_kind[kind]]
@@ -132,7 +133,8 @@ def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, Said]) ->
         gap_closed=_gap(right),
         gap_worse=Share(sum(gap < 0.0 for gap in _gaps(right)), len(_gaps(right))),
         statements=score_statements(judged),
-        worst=worst(judged),
+        pendulums=score_statements([pair for kind in PENDULUM_KINDS for pair in by_kind[kind]]),
+        worst=worst(everything),
     )
 
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from rfca_rig.exam import cases
 from rfca_rig.exam.claims import Judged, calibration_error, parameter_errors
-from rfca_rig.exam.outcome import Truth
-from rfca_rig.exam.pendulum_cases import PENDULUM_NOTHING
+from rfca_rig.exam.outcome import DETECTABLE, Truth
+from rfca_rig.exam.pendulum_cases import PENDULUM_NOTHING, PENDULUM_SINGLE
 from rfca_rig.exam.said import Said
 from rfca_rig.model.families import families_of, members_of
 
@@ -22,6 +22,7 @@ LEAST = 0.3  # probabilities below are of no statement; their calibration is not
 BINS = 7
 
 NULL_KINDS = (cases.NOTHING, cases.MODEL_ERROR, PENDULUM_NOTHING)
+SINGLE_KINDS = (cases.SINGLE, PENDULUM_SINGLE)
 
 # Of each effect outside the catalogue: the family it belongs to, and the part of the rig where it acts.
 STRANGERS: Mapping[str, tuple[str, str]] = {
@@ -49,13 +50,17 @@ STRANGERS: Mapping[str, tuple[str, str]] = {
 class StatementScores:
     """Counts as (hits, of).
 
-    `claims_on_nothing`: cases with nothing missing in which an effect or family is stated. `wrong`: wrong ones of all statements at SURE
-    or more. `family`: approximate laws whose family, or effect, is stated and nothing wrong. `sizes`: parameters of true effects inside
-    their 90 % intervals, `family_sizes` the same where the law is approximate. `triples`: cases of three effects in which two or more are
-    stated and nothing wrong. `place`: effects outside the catalogue that are unexplained and located rightly, of those with a place.
+    `singles`: single effects that can be seen of which the effect, or its family, is stated and nothing wrong.
+    `claims_on_nothing`: cases with nothing missing in which an effect or family is stated.
+    `wrong`: wrong ones of all statements at SURE or more.
+    `family`: approximate laws whose family, or effect, is stated and nothing wrong.
+    `sizes`: parameters of true effects inside their 90 % intervals, `family_sizes` the same where the law is approximate.
+    `triples`: cases of three effects in which two or more are stated and nothing wrong.
+    `place`: effects outside the catalogue that are unexplained and located rightly, of those with a place.
     `calibration_error`: expected calibration error of all probabilities of LEAST or more, NaN where there are none.
     """
 
+    singles: tuple[int, int]
     claims_on_nothing: tuple[int, int]
     wrong: tuple[int, int]
     family: tuple[int, int]
@@ -73,6 +78,7 @@ def score_statements(judged: Judged) -> StatementScores:
     sure = [right for truth, said in judged for probability, right in statements(truth, said) if probability >= SURE]
     approximate = [pair for pair in judged if pair[0].kind == cases.APPROXIMATE]
     triples = [pair for pair in judged if pair[0].kind == cases.TRIPLE]
+    singles = [pair for pair in judged if pair[0].kind in SINGLE_KINDS and pair[0].left >= DETECTABLE]
     lawful = [pair for pair in judged if not pair[0].lawless]
     placed = [
         said.place == STRANGERS[name][1]
@@ -82,6 +88,7 @@ def score_statements(judged: Judged) -> StatementScores:
     ]
     probability, true = _probabilities(judged)
     return StatementScores(
+        singles=(sum(_has_right_family(*pair) for pair in singles), len(singles)),
         claims_on_nothing=(sum(bool(said.stated or _family_alone(said)) for said in null), len(null)),
         wrong=(sum(not right for right in sure), len(sure)),
         family=(sum(_has_right_family(*pair) for pair in approximate), len(approximate)),

@@ -15,9 +15,9 @@ from rfca_rig.exam.cases import SINGLE
 from rfca_rig.exam.claims import CONFIDENT
 from rfca_rig.exam.examine import answer
 from rfca_rig.exam.marking import DIAGNOSIS
-from rfca_rig.exam.outcome import Truth, truth_in
+from rfca_rig.exam.outcome import DETECTABLE, Truth, truth_in
 from rfca_rig.exam.said import NOTHING, Said, read_said
-from rfca_rig.exam.score import DETECTABLE, Share
+from rfca_rig.exam.score import Share
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.exam.working_off import worked_off
 from rfca_rig.exam.write import CAMPAIGNS

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from rfca_rig.exam.claims import Judged, parameter_errors
 from rfca_rig.exam.outcome import EXTRA, PARTIAL, SILENT, WRONG, Truth, false_claims, outcome
 from rfca_rig.exam.said import Said
+from rfca_rig.exam.statements import SURE, statements
 
 LISTED = 20
 VALUE_OFF = 0.5  # relative error of a parameter from which a right name counts among the worst
@@ -12,7 +13,9 @@ VALUE_OFF = 0.5  # relative error of a parameter from which a right name counts 
 
 @dataclass(frozen=True)
 class Miss:
-    """One bad answer; `badness` is 3 and more for a false name, 1 to 2 for a true one missed, below 1 for a value that is off."""
+    """One bad answer; `badness` is 3 and more for a false name, above 2 for another false statement, 1 to 2 for a true one missed,
+    below 1 for a value that is off.
+    """
 
     case: str
     kind: str
@@ -27,6 +30,11 @@ def worst(judged: Judged) -> tuple[Miss, ...]:
 
 
 def _miss(truth: Truth, said: Said) -> Miss | None:
+    wrong = [probability for probability, right in statements(truth, said) if probability >= SURE and not right]
+    if wrong and not said.named:
+        stated = " and ".join(claim.id for claim in said.stated) or said.family
+        there = " and ".join((*truth.effects, *truth.strangers)) or "nothing"
+        return Miss(truth.case, truth.kind, 2.0 + max(wrong), f"stated {stated} as {said.grade} at {max(wrong):.0%}, there is {there}")
     came = outcome(truth, said)
     there = " and ".join(truth.effects) or ("something that no name fits" if truth.nameless else "nothing")
     if came in (WRONG, EXTRA):

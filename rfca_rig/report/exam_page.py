@@ -10,8 +10,8 @@ from rfca_rig import __version__
 from rfca_rig.exam import cases
 from rfca_rig.exam.bars import Bar, bars
 from rfca_rig.exam.marked import Examined, MarkedCase
-from rfca_rig.exam.outcome import OUTCOMES
-from rfca_rig.exam.score import DETECTABLE, Marks, Share
+from rfca_rig.exam.outcome import DETECTABLE, OUTCOMES
+from rfca_rig.exam.score import Marks, Share
 from rfca_rig.exam.worst import LISTED
 from rfca_rig.report import exam_pictures
 from rfca_rig.report.exam_matrix import matrix_of

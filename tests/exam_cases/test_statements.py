@@ -2,9 +2,10 @@
 
 import pytest
 
-from rfca_rig.exam import cases
+from rfca_rig.exam import cases, pendulum_cases
 from rfca_rig.exam.outcome import truth_in
 from rfca_rig.exam.said import Claim, Said
+from rfca_rig.exam.score import score
 from rfca_rig.exam.sizes import STRANGER_SPANS
 from rfca_rig.exam.statements import STRANGERS, score_statements, statements
 from rfca_rig.model.families import FAMILIES
@@ -92,5 +93,22 @@ def test_places_and_calibration():
 
 
 def test_every_effect_outside_the_catalogue_has_a_place_and_a_known_family():
-    assert set(STRANGERS) == set(STRANGER_SPANS)
+    assert set(STRANGERS) == {*STRANGER_SPANS, *pendulum_cases.STRANGERS}
     assert {name for name, _ in STRANGERS.values() if name} <= {each.id for each in FAMILIES}
+
+
+def test_visible_single_effects_count_where_they_or_their_family_are_stated():
+    faint = truth(kind=cases.SINGLE, effects=FRICTION, size={"left_over_noise": 0.5}, left_of_each={"hinge_coulomb_friction": 0.5})
+    seen = truth(kind=cases.SINGLE, effects=FRICTION, size={"left_over_noise": 5.0}, left_of_each={"hinge_coulomb_friction": 5.0})
+    wrong = stated(claim("hinge_coulomb_friction"), claim("sensor_gain"))
+    scores = scored((faint, Said("nothing missing")), (seen, family("hinge_dissipation")), (seen, wrong), (seen, Said("unexplained")))
+    assert scores.singles == (1, 3)
+
+
+def test_pendulums_are_scored_apart():
+    leg = truth(case="case-0001", kind=cases.NOTHING)
+    swings = truth(case="case-0002", kind=pendulum_cases.PENDULUM_NOTHING)
+    marks = score([leg, swings], {"case-0001": Said("nothing missing"), "case-0002": stated(claim("joint_friction"))})
+    assert marks.statements.claims_on_nothing == (0, 1) and marks.statements.wrong == (0, 0)
+    assert marks.pendulums.claims_on_nothing == (1, 1) and marks.pendulums.wrong == (1, 1)
+    assert marks.worst[0].reason == "stated joint_friction as mostly at 90%, there is nothing"
