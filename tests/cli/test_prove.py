@@ -93,7 +93,7 @@ def test_what_is_written_and_said(monkeypatch, capsys, tmp_path):
     assert again.err == "" and json.loads(again.out)["seed"] == 2
     other = prove(monkeypatch, capsys, tmp_path / "exam", "--seed", 3)
     assert other.exit_code == 2 and len(other.err.splitlines()) == 1
-    assert "holds an exam with seed 2, 3 cases of the kind 'poor data', not seed 3, 590 cases" in other.err
+    assert "holds an exam with seed 2, 3 cases of the kind 'poor data', not seed 3, 720 cases" in other.err
 
 
 def test_a_folder_in_use_and_an_unknown_kind_are_refused(monkeypatch, capsys, tmp_path):

@@ -1,18 +1,12 @@
 """Joint speeds are read later than the angles, as from a filter."""
 
-from dataclasses import replace
-
-from rfca_rig.errors import BadInput
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.setup import Setup
+from rfca_rig.model.setup import Setup, with_late_readings
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    """Two lags in a row count as one of their sum. Raises BadInput for a rig whose joint angles are not recorded."""
-    readings = setup.joint_readings
-    if readings is None:
-        raise BadInput("effect speed_lag: the joint angles of this rig are not recorded; leave it out")
-    return replace(setup, joint_readings=replace(readings, speed_lag_s=readings.speed_lag_s + values["time_constant_s"]))
+    """Raises BadInput for a rig whose joint angles are not recorded."""
+    return with_late_readings(setup, speed_lag_s=values["time_constant_s"])
 
 
 EFFECT = Effect(
