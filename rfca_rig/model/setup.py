@@ -186,14 +186,14 @@ def with_sensor(setup: Setup, change: Callable[[Felt], Felt]) -> Setup:
     return replace(setup, sensor_changes=(*setup.sensor_changes, change))
 
 
-def with_late_readings(setup: Setup, angle_lag_s: float = 0.0, speed_lag_s: float = 0.0) -> Setup:
+def with_late_readings(setup: Setup, effect_id: str, angle_lag_s: float = 0.0, speed_lag_s: float = 0.0) -> Setup:
     """The setup whose joint angles and speeds, or speeds alone, are read through one lag more; two in a row count as one of their sum.
 
     Raises BadInput for a rig whose joint angles are not recorded.
     """
     now = setup.joint_readings
     if now is None:
-        raise BadInput("an effect makes joint angles late that this rig does not record; leave out angle_lag and speed_lag")
+        raise BadInput(f"effect {effect_id}: the joint angles of this rig are not recorded; leave it out")
     return replace(setup, joint_readings=JointReadings(now.angle_lag_s + angle_lag_s, now.speed_lag_s + speed_lag_s))
 
 

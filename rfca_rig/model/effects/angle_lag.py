@@ -6,7 +6,7 @@ from rfca_rig.model.setup import Setup, with_late_readings
 
 def apply(setup: Setup, values: Values) -> Setup:
     """Raises BadInput for a rig whose joint angles are not recorded."""
-    return with_late_readings(setup, angle_lag_s=values["time_constant_s"])
+    return with_late_readings(setup, "angle_lag", angle_lag_s=values["time_constant_s"])
 
 
 EFFECT = Effect(
