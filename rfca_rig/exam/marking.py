@@ -11,7 +11,7 @@ from rfca_rig.errors import RigError
 from rfca_rig.exam.bars import Bar, bars
 from rfca_rig.exam.outcome import OUTCOMES
 from rfca_rig.exam.said import read_said
-from rfca_rig.exam.score import Marks, score
+from rfca_rig.exam.score import POWER_AT, Marks, score
 from rfca_rig.exam.sealing import open_all
 
 DIAGNOSIS = "diagnosis.json"
@@ -34,7 +34,10 @@ def wording(marks: Marks) -> Iterator[str]:
         yield from _lines(bar)
     yield ""
     if any(each.of for each in marks.power):
-        yield "one effect, right or in class, by strength: " + ", ".join(f"{each.hits}/{each.of}" for each in marks.power)
+        yield (
+            f"one effect, it or its family stated, by multiples of what can be seen ({', '.join(f'{at:g}' for at in POWER_AT)}): "
+            + ", ".join(f"{each.hits}/{each.of}" for each in marks.power)
+        )
     if marks.calibration.bins:
         yield f"Brier {marks.calibration.brier:.3f}, logarithmic score {marks.calibration.log_score:.3f}"
     yield (

@@ -12,8 +12,10 @@ from rfca_rig.exam.claims import CONFIDENT, Calibration, Judged, Values, calibra
 from rfca_rig.exam.outcome import CLASS, DETECTABLE, EXTRA, PARTIAL, RIGHT, SILENT, WRONG, Truth, false_claims, outcome, truth_in
 from rfca_rig.exam.pendulum_cases import PENDULUM_KINDS
 from rfca_rig.exam.said import NAMED, NOTHING, Said
-from rfca_rig.exam.statements import StatementScores, score_statements
+from rfca_rig.exam.statements import StatementScores, has_right_family, score_statements
 from rfca_rig.exam.worst import Miss, worst
+
+POWER_AT = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # multiples of DETECTABLE
 
 _NULL_KINDS = (cases.NOTHING, cases.MODEL_ERROR)
 
@@ -50,7 +52,8 @@ class Marks:
     more than DETECTABLE beyond what believed values explain; "above" by as much in units of noise and usual model error.
 
     `outcomes` counts outcomes per kind; `confusion` counts (true effect, what was said) over cases with one effect;
-    `power` is the share named right per fifth of the strength. `false_alarms`, `missed`, `detection_errors` and `classification_errors`
+    `power` counts single effects that are stated, or their family, and nothing wrong, by how much shows: below, between and above POWER_AT.
+    `false_alarms`, `missed`, `detection_errors` and `classification_errors`
     are those of the DXC competitions: missed of what is detectable, errors over all cases, wrong and missing names summed.
     `gap_closed` is the median over right names of (before - after) / (before - floor) of fz on held-out conditions, `gap_worse` how
     many of them got worse.
@@ -145,9 +148,10 @@ def confusion(single: Judged) -> dict[tuple[str, str], int]:
 
 
 def power(single: Judged) -> tuple[Share, ...]:
-    """Share named right, or in class, per fifth of the strength."""
-    level = [min(int(truth.strength * cases.LEVELS), cases.LEVELS - 1) for truth, _ in single]
-    return tuple(_share([pair for pair, each in zip(single, level, strict=True) if each == k], RIGHT, CLASS) for k in range(cases.LEVELS))
+    """Share stated right at any grade, or its family, between the multiples POWER_AT of DETECTABLE, in noise and usual model error."""
+    level = np.searchsorted(POWER_AT, [truth.faintest_above / DETECTABLE for truth, _ in single], side="right")
+    by_level = ([pair for pair, each in zip(single, level, strict=True) if each == k] for k in range(len(POWER_AT) + 1))
+    return tuple(Share(sum(has_right_family(*pair) for pair in group), len(group)) for group in by_level)
 
 
 def _share(judged: Judged, *outcomes: str) -> Share:

@@ -88,10 +88,10 @@ def score_statements(judged: Judged) -> StatementScores:
     ]
     probability, true = _probabilities(judged)
     return StatementScores(
-        singles=(sum(_has_right_family(*pair) for pair in singles), len(singles)),
+        singles=(sum(has_right_family(*pair) for pair in singles), len(singles)),
         claims_on_nothing=(sum(bool(said.stated or _family_alone(said)) for said in null), len(null)),
         wrong=(sum(not right for right in sure), len(sure)),
-        family=(sum(_has_right_family(*pair) for pair in approximate), len(approximate)),
+        family=(sum(has_right_family(*pair) for pair in approximate), len(approximate)),
         sizes=_covered(lawful),
         family_sizes=_covered(approximate),
         triples=(sum(_states_two(*pair) for pair in triples), len(triples)),
@@ -125,7 +125,7 @@ def is_true(kind: str, names: Collection[str], truth: Truth) -> bool:
     return any(members_of(name) & there or name in of_strangers for name in names)
 
 
-def _has_right_family(truth: Truth, said: Said) -> bool:
+def has_right_family(truth: Truth, said: Said) -> bool:
     """Whether an effect of a true one's families, or its family, is stated, and nothing that is of no such family."""
     right = {family.id for effect in truth.effects for family in families_of(effect)}
     stated = [{family.id for member in claim.members for family in families_of(member)} for claim in said.stated]

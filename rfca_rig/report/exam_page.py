@@ -11,7 +11,7 @@ from rfca_rig.exam import cases
 from rfca_rig.exam.bars import Bar, bars
 from rfca_rig.exam.marked import Examined, MarkedCase
 from rfca_rig.exam.outcome import DETECTABLE, OUTCOMES
-from rfca_rig.exam.score import Marks, Share
+from rfca_rig.exam.score import POWER_AT, Marks, Share
 from rfca_rig.exam.worst import LISTED
 from rfca_rig.report import exam_pictures
 from rfca_rig.report.exam_matrix import matrix_of
@@ -56,7 +56,7 @@ def page(exam: Examined, files: Sequence[str] = (), version: str = __version__) 
         calibration=_calibration(marks),
         values=_values(marks),
         gap=_gap(marks),
-        power=", ".join(f"{share.hits} of {share.of}" for share in marks.power),
+        power=_power(marks),
         detection=_detection(marks),
         worst=[{"case": miss.case, "kind": miss.kind, "reason": miss.reason} for miss in marks.worst],
         listed=LISTED,
@@ -113,6 +113,12 @@ def _pictures(exam: Examined) -> Mapping[str, str]:
         "errors": exam_pictures.parameter_errors(exam.cases) if exam.marks.values.count else "",
         "gaps": exam_pictures.gaps(exam.cases) if exam.marks.gap_worse.of else "",
     }
+
+
+def _power(marks: Marks) -> str:
+    """As in "below 0.5: 0 of 3; from 0.5: 1 of 2"."""
+    limits = (f"below {POWER_AT[0]:g}", *(f"from {at:g}" for at in POWER_AT))
+    return "; ".join(f"{limit}: {share.hits} of {share.of}" for limit, share in zip(limits, marks.power, strict=True) if share.of)
 
 
 def _calibration(marks: Marks) -> str:

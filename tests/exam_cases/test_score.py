@@ -107,7 +107,7 @@ def test_marks_of_a_small_exam():
     assert (marks.null_false_claims.hits, marks.null_false_claims.of) == (1, 2)
     assert (marks.false_discoveries.hits, marks.false_discoveries.of) == (3, 6)
     assert marks.single_right == Share(1, 3) and marks.single_right_detectable == Share(1, 2)
-    assert marks.power[0] == Share(0, 1) and marks.power[4] == Share(1, 2) and marks.power[2] == Share(0, 0)
+    assert sum(share.of for share in marks.power) == 3
     assert marks.pairs_exact == marks.pairs_exact_detectable == Share(1, 1)
     assert marks.stranger_wrong == Share(1, 1) and marks.stranger_confident_wrong == Share(0, 1)
     assert marks.confusion[("hinge_backlash", "tip_mass")] == 1
@@ -190,3 +190,11 @@ def test_reading_the_file_of_a_diagnosis(tmp_path):
     (tmp_path / "broken.json").write_text("{")
     with pytest.raises(BadInput, match="is not JSON"):
         read_said(tmp_path / "broken.json")
+
+
+def test_power_counts_by_multiples_of_what_can_be_seen():
+    shows = (0.4, 2.5, 2.6, 100.0)
+    truths = [truth(f"case-{n}", effects=PLAY, above_of_each={"hinge_backlash": above}) for n, above in enumerate(shows)]
+    said = {"case-1": Said("unexplained"), "case-2": Said("unexplained", grade="family", family="hinge_stiffness", probability=0.9)}
+    found = score(truths, said | {"case-3": named(claim("hinge_backlash"))}).power
+    assert [(share.hits, share.of) for share in found] == [(0, 1), (0, 0), (1, 2), (0, 0), (0, 0), (0, 0), (1, 1)]
