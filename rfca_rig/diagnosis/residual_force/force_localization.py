@@ -79,20 +79,16 @@ class Scene:
 
 @dataclass(frozen=True)
 class LocalizedForce:
-    """A place with the likeliest force there: `force` one array (count,) per condition, in the place's unit, with `std` alike.
+    """A place with its likeliest free force.
 
     `log_evidence` is above that of no force; `explained` the share of each channel's misfit, and of "all", that it takes away; `misfit`
-    what it leaves, mean square over what is expected, in each channel; `power` the rms force; `whitening` that at the likeliest error.
+    what it leaves, mean square over what is expected, in each channel.
     """
 
     place: ForceInput
     log_evidence: float
-    force: tuple[Floats, ...]
-    std: tuple[Floats, ...]
     explained: dict[str, float]
     misfit: dict[str, float]
-    power: float
-    whitening: AtError
 
 
 def scene_of(evidence: Dataset, nothing: MapFit, scatter: Floats) -> Scene:
@@ -120,19 +116,13 @@ def localize_force(scene: Scene, place: ForceInput, responses: Sequence[Floats])
     systems = [system_of(scene, whitening, response) for whitening in scene.whitenings]
     logs = np.array([[system.log_evidences(root, sizes) for root in scene.roots] for system in systems])
     level, smooth, size = np.unravel_index(int(np.argmax(logs)), logs.shape)
-    x, force, covariance = systems[level].solved(sizes[size] * scene.roots[smooth])
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    x, force, _ = systems[level].solved(sizes[size] * scene.roots[smooth])
     left, before = misfit_of(scene, x, response @ force), misfit_of(scene, systems[level].solved(none)[0], 0.0 * scene.target)
-    cuts = np.cumsum([here.bumps.count for here in scene.conditions])[:-1]
     return LocalizedForce(
         place=place,
         log_evidence=float(logsumexp(logs) - np.log(logs.size)) - scene.without,
-        force=tuple(np.split(force, cuts)),
-        std=tuple(np.split(std, cuts)),
         explained={name: 1.0 - left[name] / before[name] for name in left} | {"all": 1.0 - sum(left.values()) / sum(before.values())},
         misfit=left,
-        power=float(np.sqrt(np.mean(force**2))),
-        whitening=scene.whitenings[level],
     )
 
 

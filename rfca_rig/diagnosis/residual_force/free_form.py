@@ -2,7 +2,7 @@
 formula it follows. An empirical law; its cause is not known.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +11,8 @@ from scipy.special import logsumexp, softmax
 
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.leg.simulator import flaps_of
-from rfca_rig.diagnosis.residual_force.closed_loop_refit import ClosedLoopRefit, put_back
-from rfca_rig.diagnosis.residual_force.force_inputs import ForceInput, NominalCondition
 from rfca_rig.diagnosis.residual_force.force_localization import LocalizedForce, Scene, localize_force, scene_of
 from rfca_rig.diagnosis.residual_force.sparse_law import FoundTerm, SparseLaw, sparse_laws
-from rfca_rig.diagnosis.residual_force.terms import signals_of
 from rfca_rig.diagnosis.result import StatedPlace
 
 Floats = NDArray[np.float64]
@@ -31,48 +28,18 @@ NEAR = 150.0  # log evidence below the best place within which a place is tried 
 
 
 @dataclass(frozen=True)
-class ForceCourse:
-    """The estimated force over one condition and what it may depend on, all (m,); SI units.
-
-    `angle_rad` and `rate_rad_s` are (m, hinges); the others are as in `terms.Signals`.
-    """
-
-    condition: str
-    t_s: Floats
-    force: Floats
-    std: Floats
-    angle_rad: Floats
-    rate_rad_s: Floats
-    load_N: Floats
-    slip_m_s: Floats
-    shaft_rad: Floats
-
-
-@dataclass(frozen=True)
 class FreeForm:
-    """The likeliest `place` of what is missing, in `words`, its force in `unit`, `log_evidence_over_next` above that of `next_place`.
+    """The likeliest `place` of what is missing, in `words`, and an answer in `text`.
 
-    `also` are places that these data cannot tell from it. `terms` are a formula for the force, empty where none lasts over the
-    conditions, which takes away the share `terms_explain` of the misfit. `explained` is the share of each channel's misfit that the free
-    force takes away and `misfit` what it leaves, mean square over what is expected. `ranking` is all places with their log evidence above
-    that of nothing missing; `is_located` says whether the force is large enough, and explains all channels; `put_back` the formula fitted
-    again in the simulator, for places in the hinges.
+    `terms` are a formula for the force, empty where none lasts over the conditions. `ranking` is all places with their log evidence above
+    that of nothing missing, best first; `is_located` says whether the force is large enough, and explains all channels.
     """
 
     place: str
     words: str
-    unit: str
-    log_evidence_over_next: float
-    next_place: str
-    also: tuple[str, ...]
     terms: tuple[FoundTerm, ...]
-    terms_explain: float
-    explained: Mapping[str, float]
-    misfit: Mapping[str, float]
     ranking: tuple[tuple[str, float], ...]
     is_located: bool
-    put_back: ClosedLoopRefit | None
-    courses: tuple[ForceCourse, ...]
     text: str
 
 
@@ -93,15 +60,22 @@ def free_form(found: ModelSelectionResult) -> FreeForm | None:
     """The answer for a search that named nothing; None where no stroke was recorded. Raises SimulationFailed."""
     if not flaps_of(found.evidence.parts):
         return None
-    scene = scene_of(found.evidence, found.nothing.fitted, found.scatter.columns)
-    ranked = candidates(scene)
-    return told(scene, ranked, put_back(scene, found.nothing.fitted, ranked[0].placed, ranked[0].law.terms))
+    ranked = candidates(scene_of(found.evidence, found.nothing.fitted, found.scatter.columns))
+    best = ranked[0]
+    return FreeForm(
+        place=best.placed.place.id,
+        words=best.placed.place.words,
+        terms=best.law.terms,
+        ranking=tuple((one.placed.place.id, one.log_evidence) for one in ranked),
+        is_located=best.log_evidence >= AS_GOOD and _explains(best),
+        text=_text(ranked),
+    )
 
 
-def candidates(scene: Scene, places: Sequence[ForceInput] | None = None) -> tuple[Candidate, ...]:
+def candidates(scene: Scene) -> tuple[Candidate, ...]:
     """All places, likeliest first; those far behind are given no formula."""
-    responses = {place.id: place.responses(scene.conditions) for place in (scene.places if places is None else places)}
-    free = [localize_force(scene, place, responses[place.id]) for place in (scene.places if places is None else places)]
+    responses = {place.id: place.responses(scene.conditions) for place in scene.places}
+    free = [localize_force(scene, place, responses[place.id]) for place in scene.places]
     best = max(one.log_evidence for one in free)
     near = [one for one in free if one.log_evidence > best - NEAR]
     laws = sparse_laws(scene, [(one.place, responses[one.place.id]) for one in near])
@@ -110,60 +84,21 @@ def candidates(scene: Scene, places: Sequence[ForceInput] | None = None) -> tupl
     return tuple(sorted(found, key=lambda one: -one.log_evidence))
 
 
-def told(scene: Scene, ranked: Sequence[Candidate], again: ClosedLoopRefit | None = None) -> FreeForm:
-    """The answer in figures and words."""
-    best, others = ranked[0], ranked[1:]
-    also = tuple(other.placed.place.id for other in others if other.log_evidence > best.log_evidence - AS_GOOD)
-    return FreeForm(
-        place=best.placed.place.id,
-        words=best.placed.place.words,
-        unit=best.placed.place.unit,
-        log_evidence_over_next=best.log_evidence - others[0].log_evidence,
-        next_place=others[0].placed.place.id,
-        also=also,
-        terms=best.law.terms,
-        terms_explain=best.law.explained,
-        explained=best.placed.explained,
-        misfit=best.placed.misfit,
-        ranking=tuple((one.placed.place.id, one.log_evidence) for one in ranked),
-        is_located=best.log_evidence >= AS_GOOD and _explains(best),
-        put_back=again,
-        courses=tuple(_course(*each) for each in zip(scene.conditions, best.placed.force, best.placed.std, strict=True)),
-        text=_text(ranked, also),
-    )
-
-
-def _course(here: NominalCondition, force: Floats, std: Floats) -> ForceCourse:
-    signals = signals_of(here)
-    bumps = here.bumps.at(signals.t_s)
-    return ForceCourse(
-        condition=here.flap.label,
-        t_s=signals.t_s,
-        force=bumps @ force,
-        std=bumps @ std,
-        angle_rad=signals.angle_rad,
-        rate_rad_s=signals.rate_rad_s,
-        load_N=signals.load_N,
-        slip_m_s=signals.slip_m_s,
-        shaft_rad=signals.shaft_rad,
-    )
-
-
 def _explains(best: Candidate) -> bool:
     """Whether the free force or its formula explains every channel, or most of a misfit too large to be linear."""
     return max(best.placed.misfit.values()) <= EXPLAINS or max(best.placed.explained["all"], best.law.explained) >= MOSTLY
 
 
-def _text(ranked: Sequence[Candidate], also: Sequence[str]) -> str:
+def _text(ranked: Sequence[Candidate]) -> str:
     best = ranked[0]
-    words = {one.placed.place.id: one.placed.place.words for one in ranked}
+    also = [other.placed.place.words for other in ranked[1:] if other.log_evidence > best.log_evidence - AS_GOOD]
     if best.log_evidence < AS_GOOD:
         return "What is missing is too small to say where it acts."
     if not _explains(best):
         return f"No single place explains all channels; {best.placed.place.words} comes closest. The cause is not known."
     where = f"What is missing acts like {best.placed.place.words}"
     if also:
-        where += f", which these data cannot tell from {', '.join(words[other] for other in also)}"
+        where += f", which these data cannot tell from {', '.join(also)}"
     if not best.law.terms:
         return f"{where}; no short formula for it lasts over the conditions. The cause is not known."
     fully = best.law.log_evidence > best.placed.log_evidence or best.law.explained > MOSTLY * best.placed.explained["all"]

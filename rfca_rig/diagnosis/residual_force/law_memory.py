@@ -25,7 +25,7 @@ from rfca_rig.diagnosis.pendulums.windows import Stretch
 from rfca_rig.diagnosis.residual_force.force_inputs import NominalCondition, arms_of, of_tip
 from rfca_rig.diagnosis.residual_force.law_arguments import PLAUSIBLE, Course, course_of_stretch, course_of_stroke
 from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, root_of
-from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, Change, bumps_of, forced_stroke
+from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, Change, bumps_of, forced_stroke, tick
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.laws import HINGE, TABLE, LawUse
 from rfca_rig.model.parameters import LawTable
@@ -194,10 +194,6 @@ def follow(  # a law takes what its place offers, needed or not
     i = min(int(x), last - 1)
     before, after = parameter[TABLE + i], parameter[TABLE + i + 1]
     return before + (x - i) * (after - before), 0.0, 0.0
-
-
-def tick(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> None:  # noqa: ARG001
-    memory[0] += elapsed if elapsed < AT_REST_S else 0.0
 
 
 def course_in_hinge(t_s: Floats, torque_Nm: Floats, hinge: int) -> Change:

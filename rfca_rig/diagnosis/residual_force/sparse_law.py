@@ -8,6 +8,7 @@ five of these fits is kept (stability selection: Meinshausen and Buehlmann, J. R
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,10 @@ from rfca_rig.diagnosis.data.dataset import THREADS
 from rfca_rig.diagnosis.likelihood.covariance import AtError
 from rfca_rig.diagnosis.residual_force.force_inputs import CHANNELS, ForceInput, NominalCondition, answer
 from rfca_rig.diagnosis.residual_force.force_localization import Scene, System, misfit_of, system_of, systems_without_each
-from rfca_rig.diagnosis.residual_force.hinge_series import SERIES, series_in
+from rfca_rig.diagnosis.residual_force.spline_force import Change
 from rfca_rig.diagnosis.residual_force.terms import Term, library_of, signals_of
+from rfca_rig.model.laws import HINGE, LawUse
+from rfca_rig.model.setup import Setup, with_law
 
 Floats = NDArray[np.float64]
 
@@ -26,16 +29,19 @@ AT_MOST = 3
 KEPT_IN = 0.8
 WORTH = 3.0  # log evidence beyond the choice among the terms
 
+# terms of the hinges that are simulated as a law
+SERIES = ("1", "angle", "|angle|", "angle^3", "sign(rate)", "rate", "rate |rate|", "|angle| sign(rate)")
+SURE_OF_SIGN_RAD_S = 0.05  # the sign of a rate fades below, or no step of the integrator would converge
+
 
 @dataclass(frozen=True)
 class FoundTerm:
-    """One term of the law: its `coefficient` with standard deviation, in `unit`, and the share of the fits that chose it."""
+    """One term of the law: its `coefficient` with standard deviation, in `unit`."""
 
     term: str
     coefficient: float
     std: float
     unit: str
-    chosen_in: float
 
 
 @dataclass(frozen=True)
@@ -91,8 +97,7 @@ def _law(scene: Scene, library: _Library, whitening: AtError, votes: Floats) -> 
     x, z, covariance = system.solved(root)
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     terms = tuple(
-        FoundTerm(library.terms[k].name, float(z[k] * library.per[k]), float(std[k] * library.per[k]), _unit(library, k), float(votes[k]))
-        for k in kept
+        FoundTerm(library.terms[k].name, float(z[k] * library.per[k]), float(std[k] * library.per[k]), _unit(library, k)) for k in kept
     )
     left, before = misfit_of(scene, x, library.responses @ z), misfit_of(scene, system.solved(root[:, :0])[0], 0.0 * scene.target)
     gained = system.log_evidence(root) - float(np.log(len(scene.whitenings))) - scene.without
@@ -157,3 +162,35 @@ def _rms(courses: Sequence[Floats]) -> float:
 def _unit(library: _Library, k: int) -> str:
     place, term = library.place, library.terms[k]
     return f"{place.unit} per {term.unit}" if term.unit else place.unit
+
+
+def series(  # a law takes what its place offers, needed or not
+    phi: float,
+    rate: float,
+    elapsed: float,  # noqa: ARG001
+    k0: float,  # noqa: ARG001
+    k2: float,  # noqa: ARG001
+    memory: Any,  # noqa: ARG001
+    parameter: Any,
+) -> tuple[float, float, float]:
+    sign = np.tanh(rate / SURE_OF_SIGN_RAD_S)
+    turn = (1.0 - sign * sign) / SURE_OF_SIGN_RAD_S
+    side = 1.0 if phi >= 0.0 else -1.0
+    even = parameter[0] + parameter[1] * phi + parameter[2] * abs(phi) + parameter[3] * phi * phi * phi
+    odd = parameter[4] * sign + parameter[5] * rate + parameter[6] * rate * abs(rate) + parameter[7] * abs(phi) * sign
+    by_angle = parameter[1] + parameter[2] * side + 3.0 * parameter[3] * phi * phi + parameter[7] * side * sign
+    by_rate = parameter[4] * turn + parameter[5] + 2.0 * parameter[6] * abs(rate) + parameter[7] * abs(phi) * turn
+    return even + odd, by_angle, by_rate
+
+
+def series_in(place: ForceInput, terms: Sequence[str], coefficients: Floats) -> Change:
+    """The law at a place in the hinges. `terms` are of SERIES."""
+    row = [0.0] * len(SERIES)
+    for term, coefficient in zip(terms, coefficients, strict=True):
+        row[SERIES.index(term)] = float(coefficient)
+    only = -1 if place.id == "hinges" else int(place.id.removeprefix("hinge")) - 1
+
+    def change(setup: Setup) -> Setup:
+        return with_law(setup, LawUse(HINGE, series, tuple(row), None, only))
+
+    return change
