@@ -36,6 +36,10 @@ def diagnose(
     without: Annotated[
         list[str] | None, typer.Option("--without", metavar="EFFECT", help="An effect that you know is none; may be given again.")
     ] = None,
+    law: Annotated[
+        str,
+        typer.Option("--law", metavar="PLACE", help="Also measure the law there: hinges, floor_friction, floor_normal, fy_N, ..., joints."),
+    ] = "",
     workers: Workers = None,
     cluster: Cluster = None,
     rig: Rig = "twin",
@@ -57,10 +61,13 @@ def diagnose(
 
     check_known(without or ())
     known = [word for effect in without or () for word in ("--without", effect)]
-    asked = Asked(paths, out, as_json, typed("diagnose", *paths, *known), tuple(without or ()))
+    at = ["--law", law] if law else []
+    asked = Asked(paths, out, as_json, typed("diagnose", *paths, *known, *at), tuple(without or ()), law_at=law)
     printing = Printing(pdf)
     if each and pdf:
         raise BadInput("--pdf prints one diagnosis; with --each, print the pages that matter by themselves")
+    if law and (each or close_the_loop):
+        raise BadInput("--law measures the law of one diagnosis; leave out --each and --close-the-loop")
     if each and not close_the_loop:
         diagnose_each(paths, out, asked.without, workers, cluster, as_json)
         return
@@ -107,8 +114,8 @@ def _say_next(diagnosis: "Diagnosis", out: Path) -> None:
 
 @dataclass(frozen=True)
 class Asked:
-    """Where the recordings are, where the answer goes, the command that asks for it, and the effects that are not looked for; `limits`
-    are those of the rig to go on with.
+    """Where the recordings are, where the answer goes, the command that asks for it, the effects that are not looked for, and where a law
+    is measured; `limits` are those of the rig to go on with.
     """
 
     paths: Sequence[Path]
@@ -117,6 +124,7 @@ class Asked:
     command: str
     without: tuple[str, ...]
     limits: "Limits | None" = None
+    law_at: str = ""
 
 
 def _in_rounds(loop: "Loop", asked: Asked) -> "Diagnosis":
@@ -142,7 +150,7 @@ def _pendulum(asked: Asked) -> "Diagnosis":
 
     (folder,) = asked.paths
     with progress(asked.quiet) as bars:
-        diagnosis = diagnose_pendulum(read_pendulum_campaign(folder), bars.share, asked.without)
+        diagnosis = diagnose_pendulum(read_pendulum_campaign(folder), bars.share, asked.without, asked.law_at)
     recorded = Diagnosed(diagnosis.title, "IMPORT", identity_of_tables(diagnosis.title, folder))
     diagnosis = replace(diagnosis, recordings=(recorded,))
     write_diagnosis(diagnosis, asked.out, imported(asked.command, folder, diagnosis.title))
@@ -155,12 +163,15 @@ def _diagnosed(recordings: "Sequence[Recording]", asked: Asked) -> "Diagnosis":
     from rfca_rig.diagnosis.diagnose import diagnose as diagnosed
     from rfca_rig.diagnosis.experiment_design.next_protocol import write_next_protocol
     from rfca_rig.diagnosis.fitted_model_file import write_fitted_model
+    from rfca_rig.diagnosis.measured_model_file import write_measured_model
     from rfca_rig.report.diagnosis_files import write_diagnosis
     from rfca_rig.report.origin import origin_of
 
     with progress(asked.quiet) as bars:
-        diagnosis = diagnosed(recordings, bars.share, asked.limits, asked.without)
+        diagnosis = diagnosed(recordings, bars.share, asked.limits, asked.without, asked.law_at)
     write_diagnosis(diagnosis, asked.out, origin_of(asked.command, asked.paths, recordings))
     write_fitted_model(asked.out / "model.toml", diagnosis, recordings[0])
     write_next_protocol(asked.out, diagnosis.next_experiment)
+    if diagnosis.stated_law is not None:
+        write_measured_model(asked.out / "measured-law.toml", diagnosis.stated_law.law, recordings[0])
     return diagnosis

@@ -22,6 +22,7 @@ from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, late_s, sh
 from rfca_rig.diagnosis.leg.simulator import infer_approach, leg_dataset
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, stage_tables
 from rfca_rig.diagnosis.leg.strokes import FlapCondition, flap_condition, turn_of
+from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
@@ -68,13 +69,17 @@ class Findings:
 
 
 @algebra_on_one_thread()
-def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits | None = None, without: Collection[str] = ()) -> Diagnosis:
+def diagnose(
+    recordings: Sequence[Recording], progress: Progress, limits: Limits | None = None, without: Collection[str] = (), law_at: str = ""
+) -> Diagnosis:
     """The diagnosis of recordings that believe the same of one rig.
 
     Raises BadInput where they cannot be used together or at all, SimulationFailed where the model cannot be computed as believed.
     `progress` is told what is being done and the share that is done. `limits` are those of the rig that the next experiment is for;
-    the effects of the ids in `without` are not looked for.
+    the effects of the ids in `without` are not looked for. With `law_at`, the law at that place is measured too.
     """
+    if law_at:
+        check_place(law_at, OF_LEG)
     progress("reading", 0.0)
     body, tables = _body(recordings)
     evidence = leg_dataset([*body.flaps, *tables], body.as_commanded)
@@ -89,6 +94,9 @@ def diagnose(recordings: Sequence[Recording], progress: Progress, limits: Limits
     found = build_leg_result(body, verdicts, effects, limits)
     if drive is None and body.shafts:
         found = replace(found, not_seen=(*found.not_seen, *excluded_by_tracking(body.shafts, body.rig, of_drive)))
+    if law_at:
+        progress(f"measuring the law at {law_at}", 0.98)
+        found = replace(found, stated_law=measure_stated_law(leg, verdicts.leg_decision.explanation, law_at))
     return replace(found, recordings=tuple(map(_named, recordings)), remarks=(*found.remarks, *describe_exclusions(without)))
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from rfca_rig.analysis.fitting.model_file import fitted_sections
 from rfca_rig.description.model_file import FoundEffect, write_model
 from rfca_rig.diagnosis.fitted_model_file import refine_known_to
-from rfca_rig.diagnosis.residual_force.measured_law import MeasuredLaw
+from rfca_rig.diagnosis.residual_force.law import MeasuredLaw
 from rfca_rig.diagnosis.result_builder import nuisance_values
 from rfca_rig.model.tabulated_law import TABULATED_LAW
 from rfca_rig.recording.form import Recording

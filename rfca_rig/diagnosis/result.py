@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.model.parameters import PresentEffect, RigModel
 
 Floats = NDArray[np.float64]
@@ -165,7 +166,7 @@ class Diagnosis:
 
     `grade` is what is stated, with `probability`; `verdict` is the same in the words of rfca-diagnosis/1, where "mostly" and "family" are
     "unexplained". `explained_share` is the share of the removable held-out misfit that the stated effects explain, `remaining` where model
-    and recordings still differ, `support` the numbers that the probabilities rest on.
+    and recordings still differ, `support` the numbers that the probabilities rest on, `stated_law` a law that was measured on request.
     """
 
     title: str
@@ -197,3 +198,4 @@ class Diagnosis:
     moved_priors: tuple[MovedPrior, ...] = ()
     support: tuple[Mapping[str, object], ...] = ()
     recordings: tuple[Diagnosed, ...] = ()
+    stated_law: StatedLaw | None = None

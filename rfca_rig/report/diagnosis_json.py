@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.result import BeforeAfter, Cell, Diagnosis, Located, NamedEffect, Value
 
 FORMAT = "rfca-diagnosis/2"
@@ -51,7 +52,27 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "remarks": diagnosis.remarks,
         "settings": diagnosis.settings,
         "support": diagnosis.support,
+        "measured_law": None if diagnosis.stated_law is None else _law(diagnosis.stated_law),
         "cells": [_cell(cell) for cell in diagnosis.cells],
+    }
+
+
+def _law(stated: StatedLaw) -> dict[str, Any]:
+    law, curve = stated.law, stated.curve
+    return {
+        "place": law.place,
+        "argument": law.argument,
+        "argument_unit": law.argument_unit,
+        "unit": law.unit,
+        "knots": law.knots,
+        "values": law.values,
+        "std": law.std,
+        "visited": law.visited,
+        "beside": law.base,
+        "instead_of": stated.instead_of,
+        "explained_share": law.explained,
+        "has_memory": None if law.memory is None else law.memory.has_memory,
+        "catalogue": None if curve is None else {"id": curve.name, "argument": curve.argument, "values": curve.values},
     }
 
 

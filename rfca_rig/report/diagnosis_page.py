@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.result import Diagnosis, Located, NamedEffect, NotSeen, Rival
 from rfca_rig.report.diagnosis_map import BAND_WORDS, maps_of
 from rfca_rig.report.diagnosis_pictures import pictures_of
@@ -18,6 +19,7 @@ from rfca_rig.report.diagnosis_wording import (
     sizes,
     within_90,
 )
+from rfca_rig.report.law_picture import measured_law_picture
 from rfca_rig.report.named_units import words_and_unit
 from rfca_rig.report.origin import Origin
 from rfca_rig.report.templates import template
@@ -64,6 +66,7 @@ def page(diagnosis: Diagnosis, origin: Origin, files: Sequence[str] = ()) -> str
         place_probability=percent(diagnosis.place.probability) if diagnosis.place else "",
         explained_share=None if diagnosis.explained_share is None else f"{100.0 * diagnosis.explained_share:.0f}\u00a0%",
         remaining=[_place(place, diagnosis) for place in diagnosis.remaining],
+        law=None if diagnosis.stated_law is None else _law(diagnosis.stated_law),
         moved_priors=[moved_prior(one) for one in diagnosis.moved_priors],
         before_after=before_after_table(diagnosis),
         pictures=pictures_of(diagnosis.overlays),
@@ -113,6 +116,20 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "wording": _text(effect.wording),
         "parameters": [(*words_and_unit(name), within_90(value)) for name, value in effect.parameters.items()],
         "cannot_tell_from": [{"id": other, "left_out": meaning(other)} for other in effect.cannot_tell_from],
+    }
+
+
+def _law(stated: StatedLaw) -> dict[str, Any]:
+    law = stated.law
+    beside = f"beside {' and '.join(law.base)}" if law.base else "beside the model without effects"
+    instead = f", in place of {' and '.join(stated.instead_of)}" if stated.instead_of else ""
+    memory = law.memory is not None and law.memory.has_memory
+    return {
+        "picture": measured_law_picture(law, stated.curve),
+        "place": law.place,
+        "sentence": f"The residual law was measured {beside}{instead}. "
+        f"On held-out conditions it removes {100.0 * law.explained:.0f}\u00a0% of what those leave.",
+        "memory": "The force differs between a rising and a falling argument, see the dotted branches." if memory else "",
     }
 
 

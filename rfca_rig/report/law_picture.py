@@ -1,18 +1,13 @@
 """A measured law with its band, and what the catalogue says beside it: one small picture."""
 
-from dataclasses import dataclass
 from html import escape
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.residual_force.measured_law import MeasuredLaw
+from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, MeasuredLaw
 from rfca_rig.report.inline_svg import inline_svg
 from rfca_rig.report.look import ALIKE, FAINT, MEASURED, OTHER, SMALL, drawing
-
-Floats = NDArray[np.float64]
 
 WIDTH_IN, HEIGHT_IN = 4.4, 2.5
 BAND = 2.0  # standard deviations
@@ -27,15 +22,6 @@ WORDS = {
     "time_s": "time",
     "shaft_angle_rad": "angle of the shaft",
 }
-
-
-@dataclass(frozen=True)
-class CatalogueCurve:
-    """An effect of the catalogue at the fitted values: `name` in words, `values` (k,) at `argument` (k,), in the law's unit."""
-
-    name: str
-    argument: Floats
-    values: Floats
 
 
 def measured_law_picture(law: MeasuredLaw, catalogue_curve: CatalogueCurve | None) -> str:

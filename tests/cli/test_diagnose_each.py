@@ -28,3 +28,8 @@ def test_two_of_one_name_are_refused(monkeypatch, capsys, tmp_path):
 def test_one_diagnosis_is_not_shared_out(monkeypatch, capsys, tmp_path):
     said = typed(monkeypatch, capsys, "diagnose", tmp_path, "--workers", 2)
     assert said.exit_code == 2 and "share out what --each makes many of" in said.err
+
+
+def test_a_law_is_measured_of_one_diagnosis(monkeypatch, capsys, tmp_path):
+    said = typed(monkeypatch, capsys, "diagnose", tmp_path, "--law", "hinges", "--each")
+    assert said.exit_code == 2 and "--law measures the law of one diagnosis; leave out --each and --close-the-loop" in said.err

@@ -231,6 +231,8 @@ U = np.linspace(-1.0, 1.0, 9)
         (present("ground_stribeck", rise_relative=0.5, speed_m_s=0.3), "floor_friction", "slip_m_s", 0.5 * np.exp(-np.abs(U) / 0.3)),
         (present("hinge_coulomb_friction", torque_Nm=0.1), "hinges", "rate_rad_s", 0.1 * np.sign(U)),
         (present("hinge_viscous_damping", coefficient_Nm_s_per_rad=0.1), "hinges", "rate_rad_s", 0.1 * U),
+        (present("joint_stribeck", torque_Nm=0.1, rise_relative=0.5, speed_rad_s=0.3), "joints", "rate_rad_s",
+         0.1 * np.sign(U) * (1.0 + 0.5 * np.exp(-np.abs(U) / 0.3))),
         (present("sensor_gain", factor=1.1), "fz_N", "reading_N", 0.1 * U),
         (present("sensor_drift", rate_N_per_s=2.0), "fz_N", "time_s", 2.0 * U),
         (present("hinge_stop", angle_deg=28.64789, stiffness_Nm_per_rad=20.0), "hinge3", "angle_rad",

@@ -6,6 +6,7 @@ from html import unescape
 import numpy as np
 import pytest
 
+from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.result import (
     BeforeAfter,
     Cell,
@@ -34,6 +35,7 @@ from rfca_rig.report.named_units import shown
 from rfca_rig.report.origin import Origin
 from tests.model.legs import PAPER
 from tests.report.outline import Outline
+from tests.report.test_law_picture import CURVE, law
 
 HEIGHTS = ("195 mm", "215 mm", "235 mm")
 CONDITIONS = tuple(f"{height}, {speed} rad/s" for height in HEIGHTS for speed in ("2", "2.6", "3.3"))
@@ -248,6 +250,22 @@ def test_what_is_not_known_is_null_and_never_nan(tmp_path):
     assert document["settings"] == {"scatter": [0.1, None], "seed": 7, "unset": None}
     assert (document["cells"][0]["size"], document["cells"][0]["sigmas"], document["next_experiment"]) == (None, None, None)
     assert not re.search(r"\bnan\b|\binf\b|\bNone\b(?! proposed)", read(page(holes, Origin())))
+
+
+def test_a_measured_law_is_drawn_and_told(tmp_path):
+    stated = StatedLaw(law(), ("hinge_backlash",), CURVE)
+    measured = replace(NAMED, stated_law=stated)
+    told = written_json(tmp_path, measured)["measured_law"]
+    assert (told["place"], told["argument"], told["instead_of"], told["catalogue"]["id"]) == (
+        "floor_friction",
+        "slip_m_s",
+        ["hinge_backlash"],
+        CURVE.name,
+    )
+    assert len(told["knots"]) == len(told["values"]) == len(told["std"]) and told["has_memory"] is None
+    said = read(page(measured, Origin()))
+    assert "The law at floor_friction as measured" in said and "in place of hinge_backlash" in said and "removes 90 %" in said
+    assert written_json(tmp_path, NAMED)["measured_law"] is None and "as measured" not in read(page(NAMED, Origin()))
 
 
 @pytest.mark.slow

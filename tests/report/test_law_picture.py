@@ -5,9 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.residual_force.law_memory import MemoryTest
-from rfca_rig.diagnosis.residual_force.measured_law import MeasuredLaw
-from rfca_rig.report.law_picture import CatalogueCurve, measured_law_picture
+from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, MeasuredLaw, MemoryTest
+from rfca_rig.report.law_picture import measured_law_picture
 
 KNOTS = np.linspace(-2.0, 1.0, 7)
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.model import dry_friction
+from rfca_rig.model.effects import joint_stribeck
 from rfca_rig.model.laws import HINGE, LOAD, NORMAL, SLIP, LawUse
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect, RigModel
@@ -14,6 +15,7 @@ from rfca_rig.model.setup import Felt, Setup, set_up
 Floats = NDArray[np.float64]
 
 ANYWHERE_M = 1.0
+FAR_BEHIND_RAD = 1e3
 
 
 def catalogue_curve(rig: RigModel, present: PresentEffect, place: str, argument: str, u: Floats) -> Floats | None:
@@ -59,7 +61,7 @@ def _in_hinges(plain: Setup, having: Setup, argument: str, u: Floats) -> Floats:
     """Dry friction as it slides; a spring as it is bent without a rate. What has other memory is no function of its argument."""
     before, after = plain.rig.leg, having.rig.leg
     if argument == "rate_rad_s":
-        slides = sum(use.parameters[0] * np.sign(u) for use in having.laws if use.law is dry_friction.torque)
+        slides = sum(_sliding(use, u) for use in having.laws if use.law in (dry_friction.torque, joint_stribeck.torque))
         return np.asarray((after.hinge_damping_Nm_s_per_rad - before.hinge_damping_Nm_s_per_rad) * u + slides)
     if argument != "angle_rad":
         return np.zeros_like(u)
@@ -70,6 +72,11 @@ def _in_hinges(plain: Setup, having: Setup, argument: str, u: Floats) -> Floats:
         if use.place == HINGE and use.advance is None and use.only == -1
     ]
     return np.asarray(own[1] - own[0] + sum(bent))
+
+
+def _sliding(use: LawUse, u: Floats) -> Floats:
+    """Dry friction at steady rates: the anchor of a stuck joint is far behind."""
+    return np.array([use.law(0.0, rate, 0.0, 0.0, 0.0, [-FAR_BEHIND_RAD * np.sign(rate)], use.parameters)[0] for rate in u.tolist()])
 
 
 def _values(use: LawUse, u: Floats, *others: float) -> Floats:

@@ -23,6 +23,7 @@ from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
 from rfca_rig.diagnosis.pendulums.nuisances import of_pendulum
 from rfca_rig.diagnosis.pendulums.windows import Stretch
 from rfca_rig.diagnosis.residual_force.force_inputs import NominalCondition, arms_of, of_tip
+from rfca_rig.diagnosis.residual_force.law import MemoryTest
 from rfca_rig.diagnosis.residual_force.law_arguments import PLAUSIBLE, Course, course_of_stretch, course_of_stroke
 from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, root_of
 from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, Change, bumps_of, forced_stroke, tick
@@ -43,20 +44,6 @@ TURNING = 0.02  # of the greatest du/dt, below which the direction fades, so tha
 EVIDENCE = 25.0
 BENDING = ("angle_rad", "spring_torque_Nm")  # arguments that grow with the load of a static stage
 APART = 0.25  # of the knots at which the branches must be two standard deviations apart
-
-
-@dataclass(frozen=True)
-class MemoryTest:
-    """Both branches of a law at its knots, `rising` and `falling` (k,), and the standard deviation of their difference, `std` (k,).
-
-    `log_evidence_gain` is what two branches gain over one; `has_memory` whether they differ by more than the band allows.
-    """
-
-    rising: Floats
-    falling: Floats
-    std: Floats
-    log_evidence_gain: float
-    has_memory: bool
 
 
 def detect_memory(found: ModelSelectionResult, linear: Linear, supposed: Supposed, table: LawTable, slopes: Floats) -> MemoryTest:

@@ -6,8 +6,8 @@ Gaussian prior of `law_prior`, its size and roughness those of the greatest evid
 the covariance of the data has the discrepancy in it.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -18,6 +18,7 @@ from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities, loo_residuals, products_without
 from rfca_rig.diagnosis.likelihood.laplace import Linear
+from rfca_rig.diagnosis.residual_force.law import MeasuredLaw
 from rfca_rig.diagnosis.residual_force.law_arguments import (
     PLAUSIBLE,
     ZERO_AT_ZERO,
@@ -28,7 +29,7 @@ from rfca_rig.diagnosis.residual_force.law_arguments import (
     visited_range,
     with_own,
 )
-from rfca_rig.diagnosis.residual_force.law_memory import MemoryTest, detect_memory
+from rfca_rig.diagnosis.residual_force.law_memory import detect_memory
 from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, root_of
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.effect import Parameter
@@ -44,61 +45,11 @@ STEP = 1e-4  # of a prior deviation: for what the base law of the model does wit
 
 
 @dataclass(frozen=True)
-class MeasuredLaw:
-    """A law as the recordings have it, beside the hypothesis `base`.
+class Start:
+    """Where a fit begins: the unknowns of the base (p,), and the values of the law for an argument at its knots, None for no law of it."""
 
-    Parameters
-    ----------
-    place, argument
-        Where it acts and on what it depends, as in `rfca_rig.model.tabulated_law`.
-    argument_unit, unit
-        Of `knots` and of `values`; "" for a share of the friction coefficient.
-    knots, values, std : (k,)
-        The residual law with one standard deviation at each knot.
-    whole, whole_std : (k,) or None
-        The same with what the model has there already, as the damping of a hinge; None where it has nothing. The data tell this better
-        than how it is divided between both.
-    visited
-        Least and greatest value of the argument in the recordings, but for a thousandth of the time at either end.
-    explained
-        Share of the misfit on held-out conditions that the law takes away from what `base` leaves there.
-    log_density_gain
-        Log predictive density of all conditions, each held out in turn, above that of `base`.
-    log_evidence_gain
-        Log evidence above that of `base`.
-    hypothesis
-        The base with the law in it, fitted.
-    memory
-        Whether the force differs between a rising and a falling argument; None where that was not tested.
-    """
-
-    place: str
-    argument: str
-    argument_unit: str
-    unit: str
-    knots: Floats
-    values: Floats
-    std: Floats
-    whole: Floats | None
-    whole_std: Floats | None
-    visited: tuple[float, float]
-    explained: float
-    log_density_gain: float
-    log_evidence_gain: float
-    base: tuple[str, ...]
-    hypothesis: Hypothesis = field(repr=False, compare=False)
-    memory: MemoryTest | None = None
-
-    @property
-    def present(self) -> PresentEffect:
-        """The law as an effect of the model."""
-        return PresentEffect(TABULATED_LAW, table=LawTable(self.place, self.argument, tuple(map(float, self.knots)), self._possible))
-
-    @property
-    def _possible(self) -> tuple[float, ...]:
-        """Friction cannot be less than none."""
-        least = -1.0 if self.place == "floor_friction" else -np.inf
-        return tuple(max(float(value), least) for value in self.values)
+    x: Floats
+    values: Callable[[str, Floats], Floats | None]
 
 
 @dataclass(frozen=True)
@@ -125,7 +76,9 @@ class TableTerm(EffectTerm):
         return PresentEffect(TABULATED_LAW, table=table)
 
 
-def measure_law(found: ModelSelectionResult, place: str, base: Hypothesis, arguments: Sequence[str] = ()) -> MeasuredLaw:
+def measure_law(
+    found: ModelSelectionResult, place: str, base: Hypothesis, arguments: Sequence[str] = (), start: Start | None = None
+) -> MeasuredLaw:
     """The law at a place for the argument that predicts held-out conditions best.
 
     Parameters
@@ -138,6 +91,8 @@ def measure_law(found: ModelSelectionResult, place: str, base: Hypothesis, argum
         The hypothesis that the law is put beside, usually `found.nothing`.
     arguments
         Those to choose from; without any, all that make sense at the place.
+    start
+        Where a fit begins beside the base itself, for example at a law of the catalogue.
 
     Raises
     ------
@@ -146,7 +101,7 @@ def measure_law(found: ModelSelectionResult, place: str, base: Hypothesis, argum
     SimulationFailed
         Where the model has no answer with any law there.
     """
-    laws = [law for argument in arguments or arguments_at(place) if (law := fit_law(found, place, argument, base)) is not None]
+    laws = [law for argument in arguments or arguments_at(place) if (law := fit_law(found, place, argument, base, start)) is not None]
     if not laws:
         raise SimulationFailed(f"the model cannot be computed with a tabulated law at {place}; look at the base hypothesis first")
     best = max(laws, key=lambda law: law.log_density_gain)
@@ -177,7 +132,7 @@ def base_without(found: ModelSelectionResult, hypothesis: Hypothesis, effect: st
     return _hypothesis(descent, descent.converge(descent.refine(rest)))
 
 
-def fit_law(found: ModelSelectionResult, place: str, argument: str, base: Hypothesis) -> MeasuredLaw | None:
+def fit_law(found: ModelSelectionResult, place: str, argument: str, base: Hypothesis, begin: Start | None = None) -> MeasuredLaw | None:
     """The law of one argument; None where the argument hardly changes, or where the model has no answer."""
     kind, descent = kind_of(place, argument), GaussNewton(found.evidence, found.judge)
     supposed = base.fitted.coordinates.supposed(base.fitted.x)
@@ -189,8 +144,11 @@ def fit_law(found: ModelSelectionResult, place: str, argument: str, base: Hypoth
     coordinates = base.fitted.coordinates.with_terms((*base.fitted.coordinates.choices, first))
     fits = []
     # what is missing may have drawn the nuisance parameters away, so the fit also begins at their prior means
-    for x in (base.fitted.x, base.fitted.as_believed):
-        start = descent.at(coordinates, np.append(x, np.zeros(len(knots))))
+    starts = [np.append(x, np.zeros(len(knots))) for x in (base.fitted.x, base.fitted.as_believed)]
+    if begin is not None and (values := begin.values(argument, knots)) is not None:
+        starts.append(np.append(begin.x, np.linalg.solve(np.array(first.root), values)))
+    for x in starts:
+        start = descent.at(coordinates, x)
         if start is not None:
             here = _with_likeliest_prior(descent, descent.refine(start, LEVELS, ROUNDS), PLAUSIBLE[kind.unit])
             fits.append(descent.refine(here, LEVELS, ROUNDS))

@@ -1,0 +1,102 @@
+"""A law as the recordings have it, and what stands beside it: plain values, which pages and files read."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
+from rfca_rig.model.parameters import LawTable, PresentEffect
+from rfca_rig.model.tabulated_law import TABULATED_LAW
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MemoryTest:
+    """Both branches of a law at its knots, `rising` and `falling` (k,), and the standard deviation of their difference, `std` (k,).
+
+    `log_evidence_gain` is what two branches gain over one; `has_memory` whether they differ by more than the band allows.
+    """
+
+    rising: Floats
+    falling: Floats
+    std: Floats
+    log_evidence_gain: float
+    has_memory: bool
+
+
+@dataclass(frozen=True)
+class MeasuredLaw:
+    """A law as the recordings have it, beside the hypothesis `base`.
+
+    Parameters
+    ----------
+    place, argument
+        Where it acts and on what it depends, as in `rfca_rig.model.tabulated_law`.
+    argument_unit, unit
+        Of `knots` and of `values`; "" for a share of the friction coefficient.
+    knots, values, std : (k,)
+        The residual law with one standard deviation at each knot.
+    whole, whole_std : (k,) or None
+        The same with what the model has there already, as the damping of a hinge; None where it has nothing. The data tell this better
+        than how it is divided between both.
+    visited
+        Least and greatest value of the argument in the recordings, but for a thousandth of the time at either end.
+    explained
+        Share of the misfit on held-out conditions that the law takes away from what `base` leaves there.
+    log_density_gain
+        Log predictive density of all conditions, each held out in turn, above that of `base`.
+    log_evidence_gain
+        Log evidence above that of `base`.
+    hypothesis
+        The base with the law in it, fitted.
+    memory
+        Whether the force differs between a rising and a falling argument; None where that was not tested.
+    """
+
+    place: str
+    argument: str
+    argument_unit: str
+    unit: str
+    knots: Floats
+    values: Floats
+    std: Floats
+    whole: Floats | None
+    whole_std: Floats | None
+    visited: tuple[float, float]
+    explained: float
+    log_density_gain: float
+    log_evidence_gain: float
+    base: tuple[str, ...]
+    hypothesis: Hypothesis = field(repr=False, compare=False)
+    memory: MemoryTest | None = None
+
+    @property
+    def present(self) -> PresentEffect:
+        """The law as an effect of the model."""
+        return PresentEffect(TABULATED_LAW, table=LawTable(self.place, self.argument, tuple(map(float, self.knots)), self._possible))
+
+    @property
+    def _possible(self) -> tuple[float, ...]:
+        """Friction cannot be less than none."""
+        least = -1.0 if self.place == "floor_friction" else -np.inf
+        return tuple(max(float(value), least) for value in self.values)
+
+
+@dataclass(frozen=True)
+class CatalogueCurve:
+    """An effect of the catalogue at the fitted values: its `name`, `values` (k,) at `argument` (k,), in the law's unit."""
+
+    name: str
+    argument: Floats
+    values: Floats
+
+
+@dataclass(frozen=True)
+class StatedLaw:
+    """A measured law, the effects of the catalogue that it stands in for, and the law of one of them as fitted, where it has one."""
+
+    law: MeasuredLaw
+    instead_of: tuple[str, ...]
+    curve: CatalogueCurve | None
