@@ -146,10 +146,16 @@ def _size_of(case: PendulumCase, hidden: Mapping[str, Mapping[str, float]]) -> t
 
 def _moved(world: PendulumWorld) -> list[PendulumWorld]:
     """The rig with one nominal value after the other off by its standard deviation, in all links together."""
-    mass = 1.0 + KNOWN_TO["mass_relative"]
+    mass, by = 1.0 + KNOWN_TO["mass_relative"], KNOWN_TO["centre_of_mass_m"]
     return [
         replace(world, mass_kg=tuple(mass * m for m in world.mass_kg), inertia_kg_m2=tuple(mass * m for m in world.inertia_kg_m2)),
-        replace(world, centre_m=tuple(c + KNOWN_TO["centre_of_mass_m"] for c in world.centre_m)),
+        replace(
+            world,
+            centre_m=tuple(c + by for c in world.centre_m),
+            inertia_kg_m2=tuple(
+                i + m * by * (2.0 * c + by) for i, m, c in zip(world.inertia_kg_m2, world.mass_kg, world.centre_m, strict=True)
+            ),
+        ),
         replace(world, damping_Nm_s_per_rad=tuple(c + damping_std(world) for c in world.damping_Nm_s_per_rad)),
         replace(world, torque_offset_Nm=tuple(t + offset_std(world) for t in world.torque_offset_Nm)),
         replace(world, torque_delay_s=world.torque_delay_s + KNOWN_TO["torque_delay_s"]),

@@ -145,12 +145,15 @@ def _as_it_is(nominal: PendulumWorld, random: np.random.Generator) -> PendulumWo
     """The rig behind its nominal values: each off by a normal deviate of what is stated of it."""
     off = random.standard_normal((6, nominal.joints))
     mass = np.multiply(nominal.mass_kg, 1.0 + KNOWN_TO["mass_relative"] * off[0])
+    centre = np.add(nominal.centre_m, KNOWN_TO["centre_of_mass_m"] * off[2])
+    # the inertia about the centre of mass goes with the mass, and stays as it is where that centre is elsewhere
+    inertia = np.multiply(nominal.inertia_kg_m2, mass / nominal.mass_kg) + mass * (centre**2 - np.square(nominal.centre_m))
     damping = np.add(nominal.damping_Nm_s_per_rad, damping_std(nominal) * off[1])
     return replace(
         nominal,
         mass_kg=tuple(mass.tolist()),
-        centre_m=tuple(np.add(nominal.centre_m, KNOWN_TO["centre_of_mass_m"] * off[2]).tolist()),
-        inertia_kg_m2=tuple(np.multiply(nominal.inertia_kg_m2, mass / nominal.mass_kg).tolist()),
+        centre_m=tuple(centre.tolist()),
+        inertia_kg_m2=tuple(inertia.tolist()),
         damping_Nm_s_per_rad=tuple(np.maximum(damping, 0.0).tolist()),
         torque_offset_Nm=tuple((offset_std(nominal) * off[3]).tolist()),
         angle_zero_rad=tuple((KNOWN_TO["zero_offset_rad"] * off[4]).tolist()),
