@@ -103,6 +103,7 @@ DEFAULT_SEARCH = SearchConfig()
 # Decision
 
 SURE, STATED = 0.9, 0.8  # calibrated probabilities of an effect that is identified, and of one that is stated
+DOMINANT = 0.5  # share of the removable held-out misfit that an omission which is "most of it" explains: more than all others together
 # Held-out rms in units of noise and usual model error, up to which a law holds. It carries the uncertainty of the parameters, too: exact
 # laws reach 1.06 with four conditions, and what a wrong law leaves of an unlisted cause begins at 1.24 in 196 benchmark cases.
 AS_USUAL = 1.2

@@ -9,8 +9,9 @@
 ==================  ================================================================================================================
 `identified`        every effect has a probability of SURE, the held-out misfit is as small as models usually leave, and no nuisance
                     parameter is implausible
-`mostly`            every stated effect has a probability of STATED
-`family`            one family has a probability of STATED
+`mostly`            every stated effect has a probability of STATED, and together they remove DOMINANT of what can be removed of the
+                    held-out misfit
+`family`            one family has a probability of STATED, and the best explanation removes as much
 `nothing missing`   nothing is stated, and the model without effects predicts held-out conditions as well as models usually do
 `unexplained`       otherwise
 ==================  ================================================================================================================
@@ -22,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit, logsumexp
 
-from rfca_rig.diagnosis.config import AS_USUAL, IMPLAUSIBLE, LAW_ERROR, MOST_RIVALS, PRIOR_UNKNOWN, STATED, SURE
+from rfca_rig.diagnosis.config import AS_USUAL, DOMINANT, IMPLAUSIBLE, LAW_ERROR, MOST_RIVALS, PRIOR_UNKNOWN, STATED, SURE
 from rfca_rig.diagnosis.decision.calibration import Kind, calibration_of, support_values
 from rfca_rig.diagnosis.decision.comparison import Comparison, ScaledHypothesis, compare
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
@@ -122,14 +123,14 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     explanation = next((one for one in comparison.ranked if sure and set(one.ids) == sure), None)
     best = at_own_scale(comparison.best)
     family = _best_family(comparison, supported)
-    is_family = family is not None and family.probability >= STATED
+    is_family = family is not None and family.probability >= STATED and comparison.explained_share(comparison.best) >= DOMINANT
     judged = explanation or comparison.best
     criteria = _criteria(judged, [of_effects[name] for name in judged.ids])
+    is_exact = all(criterion.passed for criterion in criteria)
     decision = Decision(
         "unexplained", found.nothing, best if best.ids else None, criteria=criteria, rivals=rivals, supported=tuple(supported)
     )
-    if explanation is not None:
-        is_exact = all(criterion.passed for criterion in criteria)
+    if explanation is not None and (is_exact or comparison.explained_share(explanation) >= DOMINANT):
         hypothesis = at_own_scale(explanation)
         effects = tuple(_describe_effect(comparison, hypothesis, number, of_effects[name]) for number, name in enumerate(explanation.ids))
         return replace(
