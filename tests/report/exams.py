@@ -9,6 +9,7 @@ import numpy as np
 
 from rfca_rig.exam.cases import NEVER_TOGETHER, Case, drawn_cases
 from rfca_rig.exam.labels import MISLABELLED, TOLD_BY_ENCODER
+from rfca_rig.exam.pendulum_cases import PendulumCase
 from rfca_rig.exam.plan import Plan, begin
 from rfca_rig.exam.sealing import seal_all
 from rfca_rig.exam.sizes import SPANS
@@ -29,32 +30,33 @@ def made_up_exam(folder: Path, numbers: Mapping[str, int], false_names: float) -
     return folder
 
 
-def truth_of(case: Case) -> dict:
+def truth_of(case: Case | PendulumCase) -> dict:
     """As the exam writes it; sizes grow with the strength instead of being computed."""
-    left = 50.0 * case.strength**2 if case.effects or case.strangers or case.mislabelled else 0.0
+    mislabelled, structured, uneven = (getattr(case, name, None) for name in ("mislabelled", "structured", "uneven"))
+    left = 50.0 * case.strength**2 if case.effects or case.strangers or mislabelled else 0.0
     return {
         "format": FORMAT,
         "case": case.id,
         "kind": case.kind,
         "effects": {name: dict(values) for name, values in case.effects.items()},
         "strangers": {name: dict(values) for name, values in case.strangers.items()},
-        "mislabelled": case.mislabelled,
-        "also_right": list(MISLABELLED[case.mislabelled]) if case.mislabelled else [],
-        "silence_is_right": case.mislabelled in TOLD_BY_ENCODER,
+        "mislabelled": mislabelled,
+        "also_right": list(MISLABELLED[mislabelled]) if mislabelled else [],
+        "silence_is_right": mislabelled in TOLD_BY_ENCODER,
         "strength": case.strength,
         "size": {"shift_over_noise": left, "left_over_noise": left},
         "left_of_each": dict.fromkeys(case.effects, left),
-        "structured": asdict(case.structured) if case.structured else None,
-        "uneven": asdict(case.uneven) if case.uneven else None,
-        "design": asdict(case.design),
+        "structured": asdict(structured) if structured else None,
+        "uneven": asdict(uneven) if uneven else None,
+        "design": asdict(case.design) if isinstance(case, Case) else {"conditions": ["run 1", "run 2"]},
     }
 
 
-def answer_to(case: Case, false_names: float, random: np.random.Generator) -> dict:
+def answer_to(case: Case | PendulumCase, false_names: float, random: np.random.Generator) -> dict:
     """True names at good strength; one of two that look alike is told with the other."""
     if random.random() < false_names:
         return diagnosis("named", [claim(str(random.choice(list(SPANS))), {}, random)])
-    if case.strangers or case.mislabelled or (case.uneven and random.random() < 0.5):
+    if case.strangers or getattr(case, "mislabelled", None) or (getattr(case, "uneven", None) and random.random() < 0.5):
         return diagnosis("unexplained", [])
     if not case.effects or case.strength < 0.3 * random.random():
         return diagnosis("nothing missing", [])
