@@ -10,7 +10,7 @@ import numpy as np
 from rfca_rig.exam import cases
 from rfca_rig.exam.claims import CONFIDENT, Calibration, Judged, Values, calibration, values
 from rfca_rig.exam.outcome import CLASS, DETECTABLE, EXTRA, PARTIAL, RIGHT, SILENT, WRONG, Truth, false_claims, outcome, truth_in
-from rfca_rig.exam.pendulum_cases import PENDULUM_KINDS
+from rfca_rig.exam.pendulum_cases import PENDULUM_KINDS, PENDULUM_NOTHING
 from rfca_rig.exam.said import NAMED, NOTHING, Said
 from rfca_rig.exam.statements import StatementScores, has_right_family, score_statements
 from rfca_rig.exam.worst import Miss, worst
@@ -48,7 +48,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Marks:
-    """All marks, of legs but for `pendulums`, the scores of statements about these. "Detectable" means shifted by
+    """All marks, of legs but for names, alarms and `pendulums`, the scores of statements about these. "Detectable" means shifted by
     more than DETECTABLE beyond what believed values explain; "above" by as much in units of noise and usual model error.
 
     `outcomes` counts outcomes per kind; `confusion` counts (true effect, what was said) over cases with one effect;
@@ -102,13 +102,16 @@ def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, Said]) ->
     single, pairs, strangers = by_kind[cases.SINGLE], by_kind[cases.PAIR], by_kind[cases.STRANGER]
     detectable = [(truth, said) for truth, said in single if truth.left >= DETECTABLE]
     null = [pair for kind in _NULL_KINDS for pair in by_kind[kind]]
+    all_null = [*null, *by_kind[PENDULUM_NOTHING]]
     right = [(truth, said) for truth, said in (*single, *pairs) if outcome(truth, said) == RIGHT]
     named = [(truth, said) for truth, said in judged if said.named]
     return Marks(
         outcomes={kind: dict(Counter(outcome(*pair) for pair in group)) for kind, group in by_kind.items() if group},
         confusion=confusion(single),
         null_false_claims=Share(sum(bool(said.named) for _, said in null), len(null)),
-        false_discoveries=Share(sum(len(false_claims(*pair)) for pair in named), sum(len(said.named) for _, said in named)),
+        false_discoveries=Share(
+            sum(len(false_claims(*pair)) for pair in everything if pair[1].named), sum(len(said.named) for _, said in everything)
+        ),
         single_right=_share(single, RIGHT),
         single_right_detectable=_share(detectable, RIGHT),
         single_in_class_detectable=_share(detectable, RIGHT, CLASS),
@@ -127,10 +130,10 @@ def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, Said]) ->
         poor_data_wrong=_share(by_kind[cases.POOR_DATA], WRONG, EXTRA),
         truth_in_class=_truth_in_class(named),
         mean_class_size=_class_size(named),
-        false_alarms=Share(sum(_alarmed(said) for _, said in null), len(null)),
-        missed=_missed(judged),
-        detection_errors=Share(sum(_alarmed(said) != _faulty(truth) for truth, said in judged), len(judged)),
-        classification_errors=sum(len({claim.id for claim in said.named} ^ set(truth.effects)) for truth, said in judged),
+        false_alarms=Share(sum(_alarmed(said) for _, said in all_null), len(all_null)),
+        missed=_missed(everything),
+        detection_errors=Share(sum(_alarmed(said) != _faulty(truth) for truth, said in everything), len(everything)),
+        classification_errors=sum(len({claim.id for claim in said.named} ^ set(truth.effects)) for truth, said in everything),
         calibration=calibration(judged),
         values=values([*single, *pairs]),
         gap_closed=_gap(right),
