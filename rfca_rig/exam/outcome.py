@@ -6,7 +6,7 @@ from typing import Any
 
 from rfca_rig.exam.said import NOT_ENOUGH, NOTHING, REFUSED, Claim, Said
 
-DETECTABLE = 2.0  # shift of the signals that believed values cannot explain, in units of a sample's noise
+DETECTABLE = 2.0  # shift of the signals that nominal values cannot explain, in units of a sample's noise
 
 RIGHT, CLASS, PARTIAL, EXTRA, WRONG, SILENT, CAUTIOUS = OUTCOMES = ("right", "class", "partial", "extra", "wrong", "silent", "cautious")
 """right: names exactly what is there, or nothing where nothing is, or says that it cannot explain what no name fits.

@@ -1,6 +1,5 @@
 """A pendulum case written as a campaign folder, and the truth about it."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.exam.pendulum_cases import KNOWN_TO, PendulumCase, damping_std, offset_std, swing_rad_s, torque_scale_Nm
 from rfca_rig.exam.pendulum_world import PendulumTrace, PendulumWorld, Tones, swing
+from rfca_rig.exam.truth import FORMAT
 
 Floats = NDArray[np.float64]
 
@@ -78,10 +78,13 @@ def _command(case: PendulumCase, number: int) -> Tones:
 def truth_of_pendulum(case: PendulumCase) -> dict[str, Any]:
     """The truth of a case as plain data, with the keys of a leg's."""
     hidden = {**case.effects, **case.strangers}
-    each = {name: _size_of(case, {name: values}) for name, values in hidden.items()}
-    shift, left, above = _size_of(case, hidden) if len(hidden) > 1 else next(iter(each.values()), (0.0, 0.0, 0.0))
+    each = {name: _size_of(replace(case, effects={name: values}, strangers={})) for name, values in case.effects.items()}
+    if not hidden:
+        shift = left = above = 0.0
+    else:
+        shift, left, above = next(iter(each.values())) if len(each) == len(hidden) == 1 else _size_of(case)
     return {
-        "format": "rfca-exam-truth/1",
+        "format": FORMAT,
         "case": case.id,
         "kind": case.kind,
         "effects": {name: dict(values) for name, values in case.effects.items()},
@@ -103,8 +106,8 @@ def truth_of_pendulum(case: PendulumCase) -> dict[str, Any]:
     }
 
 
-def _size_of(case: PendulumCase, hidden: Mapping[str, Mapping[str, float]]) -> tuple[float, float, float]:
-    """Root mean square of what is hidden changes in the channel that shows most, over short windows from the true state.
+def _size_of(case: PendulumCase) -> tuple[float, float, float]:
+    """Root mean square of what is concealed changes in the channel that shows most, over short windows from the true state.
 
     Returns
     -------
@@ -112,13 +115,8 @@ def _size_of(case: PendulumCase, hidden: Mapping[str, Mapping[str, float]]) -> t
         In units of a sample's noise: as it is; beyond what nominal values and the window's start explain, linearly, each with a prior; the
         same in units of noise and of what torques wrong by MODEL_ERROR do.
     """
-    plain = replace(case, effects={}, strangers={})
-    whole = replace(
-        case,
-        effects={name: dict(v) for name, v in hidden.items() if name in case.effects},
-        strangers={name: dict(v) for name, v in hidden.items() if name in case.strangers},
-    )
-    traces = [run(case, whole.concealed, number) for number in range(1, len(case.driven) + 1)]
+    plain = replace(case, effects={}, strangers={}).concealed
+    traces = [run(case, case.concealed, number) for number in range(1, len(case.driven) + 1)]
     starts = [(number, float(t)) for number in range(1, len(case.driven) + 1) for t in np.linspace(0.5, RUN_S - WINDOW_S, WINDOWS)]
     noise = np.repeat([case.reading.angle_std_rad, case.reading.speed_std_rad_s], case.world.joints)
 
@@ -134,11 +132,11 @@ def _size_of(case: PendulumCase, hidden: Mapping[str, Mapping[str, float]]) -> t
             found.append(np.column_stack([part.angle_rad, part.speed_rad_s]) / noise)
         return np.array(found)
 
-    base = windows(plain.concealed)
-    shift = windows(whole.concealed) - base
-    moves = [windows(moved) - base for moved in _moved(plain.concealed)]
-    states = [windows(plain.concealed, off) - base for off in np.diag(3.0 * noise)]
-    torque = replace(plain.concealed, torque_offset_Nm=tuple(MODEL_ERROR * torque_scale_Nm(case.world) for _ in noise))
+    base = windows(plain)
+    shift = windows(case.concealed) - base
+    moves = [windows(moved) - base for moved in _moved(plain)]
+    states = [windows(plain, off) - base for off in np.diag(3.0 * noise)]
+    torque = replace(plain, torque_offset_Nm=tuple(MODEL_ERROR * torque_scale_Nm(case.world) for _ in noise))
     error = np.abs(windows(torque) - base)
     left = _left(shift, moves, states, np.ones_like(base))
     return _rms(shift), left, _left(shift, moves, states, np.hypot(1.0, error))

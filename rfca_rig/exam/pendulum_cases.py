@@ -1,4 +1,4 @@
-"""Cases of the exam on pendulums: a rig, what is believed of it, and what is concealed, drawn from one seed.
+"""Cases of the exam on pendulums: a rig, its nominal values, and what is concealed, drawn from one seed.
 
 Sizes follow the rig: torques are shares of the weight's greatest torque, speeds those of its small swing. Strength 0 is hardly visible in
 angles read to a milliradian, 1 is gross.
@@ -51,8 +51,8 @@ STRANGERS: Mapping[str, tuple[float, float]] = {
     "torque_saturation": (0.9, 0.35),
     "joint_friction_by_direction": (0.1, 0.3),
 }
-# what the data of a pendulum cannot separate, or what one joint has no place for
-NEVER_TOGETHER = ({"torque_delay", "torque_lag"}, {"speed_lag", "angle_lag"}, {"joint_friction", "joint_friction_of_one"})
+# what the data of a pendulum cannot separate; nor two kinds of dry friction
+NEVER_TOGETHER = ({"torque_delay", "torque_lag"}, {"speed_lag", "angle_lag"})
 DRY = ("joint_friction", "joint_stribeck", "joint_load_friction", "joint_friction_of_one")
 
 

@@ -34,9 +34,6 @@ class Tones:
         turn = np.arctan(self.omega * lag_s)
         return Tones(self.size * np.cos(turn), self.omega, self.phase - self.omega * delay_s - turn)
 
-    def __len__(self) -> int:
-        return int(self.size.shape[1])
-
 
 @dataclass(frozen=True)
 class Friction:

@@ -143,7 +143,7 @@ def _response(here: NominalCondition, place: ForceInput, block: Floats, term: Te
     `course` is (m,), or (m, hinges) of its own in each hinge.
     """
     if place.id.startswith("hinge") and term.name in SERIES:
-        change = series_in(place, (term.name,), np.array([TRIED * per]))
+        change = series_in(place, term.name, TRIED * per)
         return here.change_to(answer(here, here.supposed, (change,)), TRIED)
     if place.id in CHANNELS:
         return here.rows_of({CHANNELS[place.id]: per * course})
@@ -183,11 +183,9 @@ def series(  # a law takes what its place offers, needed or not
     return even + odd, by_angle, by_rate
 
 
-def series_in(place: ForceInput, terms: Sequence[str], coefficients: Floats) -> Change:
-    """The law at a place in the hinges. `terms` are of SERIES."""
-    row = [0.0] * len(SERIES)
-    for term, coefficient in zip(terms, coefficients, strict=True):
-        row[SERIES.index(term)] = float(coefficient)
+def series_in(place: ForceInput, term: str, coefficient: float) -> Change:
+    """One term of SERIES as a law at a place in the hinges."""
+    row = [float(coefficient) if name == term else 0.0 for name in SERIES]
     only = -1 if place.id == "hinges" else int(place.id.removeprefix("hinge")) - 1
 
     def change(setup: Setup) -> Setup:
