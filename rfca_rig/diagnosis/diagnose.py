@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.space import Space
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.repeats import Condition, conditions_of
 from rfca_rig.crew.cores import algebra_on_one_thread
@@ -13,6 +15,7 @@ from rfca_rig.description.believed import believed_model
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
 from rfca_rig.diagnosis.decision.decide import Decision, decide
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
+from rfca_rig.diagnosis.inference.map_fit import GaussNewton
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.leg.drive_tracking import excluded_by_tracking
@@ -36,6 +39,7 @@ from rfca_rig.recording.identity import identity_of
 Floats = NDArray[np.float64]
 
 SEEN_ON_THE_SHAFT = ("motor_speed_droop", "motor_speed_ripple")
+SOFT_DRIVES = ("motor_speed_droop", "shaft_compliance")
 # A twist between motor and leg shows in the recorded angle where the encoder is on the leg's side, in the forces alone where it is not.
 DRIVE_EFFECTS = (*SEEN_ON_THE_SHAFT, "shaft_compliance")
 
@@ -162,19 +166,33 @@ def _candidates(body: PreparedData) -> list[Effect]:
 def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence[Effect], progress: Progress) -> ModelSelectionResult:
     """The same search for the shaft's own motion, the leg as the best hypothesis has it; both ways in which a soft drive may start.
 
-    No hypothesis for the leg is taken that has a soft drive already, beside which the model has no place for another.
+    No hypothesis for the leg is taken that has a soft drive already, beside which the model has no place for another. The second way is
+    searched only if it suits the best soft drive of the first way better.
     """
     stiff = [h for h in leg.named if all(choice.effect.where != "drive" for choice in h.fitted.coordinates.choices)]
     best = max((leg.nothing, *stiff), key=lambda hypothesis: hypothesis.log_joint)
     supposed = best.fitted.coordinates.supposed(best.fitted.x)
     evidence = leg_dataset(body.shafts)
-    found = []
-    for holds_start in (False, True):
-        rig = replace(supposed.rig, drive=replace(supposed.rig.drive, holds_start=holds_start))
-        space = nuisances_of_drive(rig, replace(supposed, rig=rig, turn_offset_rad=0.0))
-        found.append(
-            search_models(
-                evidence, Parameterization(space), effects, lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share)
-            )
+
+    def search(holds_start: bool) -> ModelSelectionResult:
+        return search_models(
+            evidence,
+            Parameterization(_space_of_drive(supposed, holds_start)),
+            effects,
+            lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share),
         )
-    return max(found, key=lambda one: max((h.log_joint for h in one.named), default=-np.inf))
+
+    found = search(False)
+    soft = [hypothesis.fitted for hypothesis in found.named if set(hypothesis.ids) & set(SOFT_DRIVES)]
+    if not soft:
+        return found
+    descent = GaussNewton(evidence, found.judge)
+    held = replace(soft[0].coordinates, space=_space_of_drive(supposed, True))
+    other = descent.at(held, soft[0].x, soft[0].jacobian)
+    suits = other is not None and descent.log_evidence(descent.refine(other)) > descent.log_evidence(soft[0])
+    return search(True) if suits else found
+
+
+def _space_of_drive(supposed: Supposed, holds_start: bool) -> Space[Supposed]:
+    rig = replace(supposed.rig, drive=replace(supposed.rig.drive, holds_start=holds_start))
+    return nuisances_of_drive(rig, replace(supposed, rig=rig, turn_offset_rad=0.0))

@@ -88,9 +88,13 @@ def _remaining(found: ModelSelectionResult, explanation: Hypothesis) -> tuple[Lo
 def _not_seen(
     found: ModelSelectionResult, explanation: Hypothesis, suspects: Collection[str], effects: Sequence[Effect]
 ) -> tuple[NotSeen, ...]:
-    """What would have shown. What remains unexplained could hide an effect: it counts as discrepancy, the usual one at least."""
-    fitted, measured = explanation.fitted, found.evidence.rows.measured
-    projection = projection_of(fitted, measured, found.judge.level(fitted.linear(measured)))
+    """What the subset of the conditions alone would have shown: all of them show a little more.
+
+    What remains unexplained could hide an effect: it counts as discrepancy, the usual one at least.
+    """
+    fit, rows = explanation.fitted, found.in_coarse
+    fitted, measured = replace(fit, predicted=fit.predicted[rows], jacobian=fit.jacobian[rows]), found.evidence.rows.measured[rows]
+    projection = projection_of(fitted, measured, found.coarse.level(fitted.linear(measured)))
     others = [effect for effect in effects if effect.id not in suspects]
     return find_detection_limits(others, found.trials, projection, found.believed.coordinates.space.centre.rig)
 

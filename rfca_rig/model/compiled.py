@@ -6,8 +6,10 @@ folder is named after the content of all compiled files of this room, so an edit
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Lock
 from typing import Any, TypeVar, cast
 
 import numba
@@ -63,9 +65,20 @@ def compiled_allocating(function: Function) -> Function:
 
 
 def _compiled(function: Function, options: dict[str, bool]) -> Function:
-    others = _settings.CACHE_DIR
-    _settings.CACHE_DIR = CACHE_FOLDER
-    try:
+    with caching_in(CACHE_FOLDER):
         return cast(Function, _njit(cache=True, nogil=True, error_model="numpy", **options)(function))
-    finally:
-        _settings.CACHE_DIR = others
+
+
+_CACHE_DIR_LOCK = Lock()
+
+
+@contextmanager
+def caching_in(folder: str) -> Iterator[None]:
+    """Compiled code goes to this folder. One thread at a time: the compiler reads the folder from a setting of the whole process."""
+    with _CACHE_DIR_LOCK:
+        others = _settings.CACHE_DIR
+        _settings.CACHE_DIR = folder
+        try:
+            yield
+        finally:
+            _settings.CACHE_DIR = others

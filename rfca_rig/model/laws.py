@@ -26,13 +26,18 @@ A HINGE law on one joint of a pendulum may read the torque that was recorded the
 it. Such a law has five parameters of its own at most and counts its time in memory[3]; see `effects.joint_load_friction`.
 """
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
+from types import FunctionType
 from typing import Any, cast
 
 import numba
 from numba import types
+
+from rfca_rig.model.compiled import CACHE_FOLDER, caching_in
 
 HINGE, LINK, SLIP, NORMAL, ROTOR, LOAD = range(6)
 TABLE = 8  # where the table of a law begins in its row of parameters
@@ -47,65 +52,72 @@ _KEPT: list[Any] = []  # compiled code must live as long as anybody may call its
 @cache
 def address_of(law: Law, place: int) -> int:
     """The address of the compiled law, to be called with pointers to inputs, memory, parameters and outputs."""
-    return _kept(_WRAPPERS[place](numba.njit(law, error_model="numpy")))
+    return _compile_call(_CALLS[place], law)
 
 
 @cache
 def address_of_advance(law: Law) -> int:
     """The same for the second function of a hinge law."""
-    return _kept(_advance(numba.njit(law, error_model="numpy")))
+    return _compile_call(_call_advance, law)
 
 
-def _kept(wrapper: Law) -> int:
-    compiled = numba.cfunc(_SIGNATURE)(wrapper)
+def _compile_call(call: Law, law: Law) -> int:
+    """Compiles `call` with `law` in the place of its global name of that name.
+
+    The compiler's cache tells functions apart by name and line of `call`, which all laws share. So each law has a folder of its own.
+    """
+    function = FunctionType(call.__code__, {"__name__": __name__, "law": numba.njit(law, error_model="numpy")}, call.__name__)
+    if law.__module__.startswith("rfca_rig."):
+        with caching_in(str(Path(CACHE_FOLDER) / "laws" / _key_of(law))):
+            compiled = numba.cfunc(_SIGNATURE, cache=True)(function)
+    else:  # a lab's own law may call code of any file, and none of them may be run stale
+        compiled = numba.cfunc(_SIGNATURE)(function)
     _KEPT.append(compiled)
     return int(cast(int, compiled.address))
 
 
-def _hinge(law: Law) -> Law:
-    def call(x, memory, parameter, out):  # type: ignore[no-untyped-def]
-        out[0], out[1], out[2] = law(x[0], x[1], x[2], x[3], x[4], memory, parameter)
-        out[3] = 0.0
-
-    return call
+def _key_of(law: Law) -> str:
+    return hashlib.sha256(f"{_source_of_laws()} {law.__module__} {law.__qualname__}".encode()).hexdigest()[:16]
 
 
-def _rotor(law: Law) -> Law:
-    def call(x, memory, parameter, out):  # type: ignore[no-untyped-def]
-        out[0], out[1], out[2], out[3] = law(x[0], x[1], x[5], x[2], x[3], x[4], memory, parameter)
-
-    return call
-
-
-def _advance(law: Law) -> Law:
-    def call(x, memory, parameter, out):  # type: ignore[no-untyped-def]  # noqa: ARG001
-        law(x[0], x[1], x[2], x[3], x[4], memory, parameter)
-
-    return call
+@cache
+def _source_of_laws() -> str:
+    """A hash of all files from which the laws of the package are made."""
+    content = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.rglob("*.py")):
+        content.update(source.read_bytes())
+    return content.hexdigest()
 
 
-def _link(law: Law) -> Law:
-    def call(x, memory, parameter, out):  # type: ignore[no-untyped-def]
-        out[0], out[1] = law(x[0], x[1], memory, parameter)
-
-    return call
+# What the chain calls. `law` is no name of this module: `_compile_call` puts the law there.
 
 
-def _slip(law: Law) -> Law:
-    def call(x, memory, parameter, out):  # type: ignore[no-untyped-def]
-        out[0], out[1] = law(x[0], memory, parameter)
-
-    return call
+def _call_hinge(x, memory, parameter, out):  # type: ignore[no-untyped-def]
+    out[0], out[1], out[2] = law(x[0], x[1], x[2], x[3], x[4], memory, parameter)  # type: ignore[name-defined]  # noqa: F821
+    out[3] = 0.0
 
 
-def _normal(law: Law) -> Law:
-    def call(x, memory, parameter, out):  # type: ignore[no-untyped-def]
-        out[0], out[1], out[2] = law(x[0], x[1], memory, parameter)
-
-    return call
+def _call_rotor(x, memory, parameter, out):  # type: ignore[no-untyped-def]
+    out[0], out[1], out[2], out[3] = law(x[0], x[1], x[5], x[2], x[3], x[4], memory, parameter)  # type: ignore[name-defined]  # noqa: F821
 
 
-_WRAPPERS = {HINGE: _hinge, LINK: _link, SLIP: _slip, NORMAL: _normal, ROTOR: _rotor, LOAD: _slip}
+def _call_advance(x, memory, parameter, out):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    law(x[0], x[1], x[2], x[3], x[4], memory, parameter)  # type: ignore[name-defined]  # noqa: F821
+
+
+def _call_link(x, memory, parameter, out):  # type: ignore[no-untyped-def]
+    out[0], out[1] = law(x[0], x[1], memory, parameter)  # type: ignore[name-defined]  # noqa: F821
+
+
+def _call_factor(x, memory, parameter, out):  # type: ignore[no-untyped-def]
+    out[0], out[1] = law(x[0], memory, parameter)  # type: ignore[name-defined]  # noqa: F821
+
+
+def _call_normal(x, memory, parameter, out):  # type: ignore[no-untyped-def]
+    out[0], out[1], out[2] = law(x[0], x[1], memory, parameter)  # type: ignore[name-defined]  # noqa: F821
+
+
+_CALLS = {HINGE: _call_hinge, LINK: _call_link, SLIP: _call_factor, NORMAL: _call_normal, ROTOR: _call_rotor, LOAD: _call_factor}
 
 
 @dataclass(frozen=True)

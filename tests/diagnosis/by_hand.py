@@ -77,7 +77,16 @@ def found_among(parts, rivals: Sequence[str], known_to=KNOWN_TO, rig: RigModel =
     ranked = tuple(sorted(named, key=lambda h: -h.log_joint))
     unknown = judge.evaluate_unknown(base.linear(evidence.rows.measured))
     return ModelSelectionResult(
-        base, nothing, unknown, ranked, (), Scatter(STD, np.empty((len(evidence.rows.measured), 0))), judge, evidence
+        believed=base,
+        nothing=nothing,
+        unknown=unknown,
+        named=ranked,
+        trials=(),
+        coarse=judge,
+        in_coarse=np.ones(len(evidence.rows.measured), dtype=bool),
+        scatter=Scatter(STD, np.empty((len(evidence.rows.measured), 0))),
+        judge=judge,
+        evidence=evidence,
     )
 
 

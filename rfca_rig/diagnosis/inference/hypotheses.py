@@ -58,6 +58,9 @@ class Hypothesis:
 class ModelSelectionResult:
     """Everything that the search leaves: the model as `believed`, `nothing` missing with all nuisances free, `unknown` (nothing named, a
     large error), and the hypotheses that name something, most plausible first.
+
+    `trials` are the effects on a grid beside the model as believed, on a subset of the conditions: `in_coarse` (m,) says which rows those
+    have, and `coarse` judges them.
     """
 
     believed: MapFit
@@ -65,6 +68,8 @@ class ModelSelectionResult:
     unknown: MarginalPosterior
     named: tuple[Hypothesis, ...]
     trials: tuple[EffectProbe, ...]
+    coarse: MarginalLikelihood
+    in_coarse: NDArray[np.bool_]
     scatter: Scatter
     judge: MarginalLikelihood
     evidence: Dataset

@@ -125,10 +125,8 @@ def search_models(
     state = _begin(evidence.with_parts(evidence.simulator.forget_history(evidence.parts)), coordinates, config)
     progress("screening every effect", 0.1)
     terms = tuple(term for effect in effects for term in terms_of(effect))
-    probes = probe_effects(state.descent.evidence, state.nominal, terms)
     # Beside the fit without effects the right effect shows best, unless a nuisance parameter has taken its place there.
-    beside_nominal = Screen(state.nominal, _projection(state.descent, state.nominal), probes)
-    beside_nothing = _screen(state, state.nothing, terms)
+    beside_nominal, beside_nothing = (_screen(state, base, terms) for base in (state.nominal, state.nothing))
     progress("each effect", 0.25)
     starts = [
         *_first_sets(_single_starts(beside_nominal, config.starts_per_effect, config.worth_a_fit), config.singles_coarse),
@@ -152,7 +150,7 @@ def search_models(
     state = _learn(_fit_nested(_exchange(state, terms)), 2.0 * GOOD_FIT, config)
     for size in (1, 2, 3):
         state = _converge(state, size, config)
-    return _result(_refit_nothing(state), coordinates, probes, effects)
+    return _result(_refit_nothing(state), coordinates, beside_nominal.probes, effects)
 
 
 def _begin(evidence: Dataset, coordinates: Parameterization, config: SearchConfig) -> SearchState:
@@ -394,11 +392,11 @@ def _fit_nested(state: SearchState) -> SearchState:
 
 
 def _refit_nothing(state: SearchState) -> SearchState:
-    """The fit without effects also from the nuisance parameters of the best explanation."""
+    """The fit without effects also from the nuisance parameters of the best explanation; the better one is converged."""
     nuisances = state.nominal.coordinates.nuisances
     again = _fit(state.descent, state, Start((), state.best.x[:nuisances], state.best.jacobian[:, :nuisances]), 5)
-    found = [state.descent.converge(fit) for fit in (state.nothing, again) if fit is not None]
-    return replace(state, nothing=max(found, key=state.descent.free_log_evidence))
+    best = max((fit for fit in (state.nothing, again) if fit is not None), key=state.descent.free_log_evidence)
+    return replace(state, nothing=state.descent.converge(best))
 
 
 def _result(
@@ -408,4 +406,6 @@ def _result(
     nominal = descent.at(coordinates, state.nominal.x, state.nominal.jacobian) or state.nominal
     nothing, named = weigh_models(descent, state.nothing, state.fits, len(effects))
     unknown = descent.evaluate_unlisted(state.nothing)
-    return ModelSelectionResult(nominal, nothing, unknown, named, tuple(probes), state.scatter, descent.judge, descent.evidence)
+    return ModelSelectionResult(
+        nominal, nothing, unknown, named, tuple(probes), state.coarse.judge, state.in_coarse, state.scatter, descent.judge, descent.evidence
+    )

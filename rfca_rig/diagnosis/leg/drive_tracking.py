@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.diagnosis.config import DEFAULT_SEARCH
 from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
 from rfca_rig.diagnosis.inference.map_fit import without_scatter
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
@@ -15,6 +16,7 @@ from rfca_rig.diagnosis.leg.nuisances import nuisances_of_drive
 from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, tracking_error
 from rfca_rig.diagnosis.leg.simulator import leg_dataset
 from rfca_rig.diagnosis.result import NotSeen
+from rfca_rig.diagnosis.simulator import spread
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import RigModel
 
@@ -36,8 +38,12 @@ class _Obedience:
 
 
 def excluded_by_tracking(shafts: Sequence[ShaftCondition], rig: RigModel, effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
-    """For each of these drives, none of which the rig is believed to have, the size from which on it would have been looked at."""
+    """For each of these drives, none of which the rig is believed to have, the size from which on it would have been looked at.
+
+    That is asked of a few conditions: the others could only show a smaller one.
+    """
     wanted = [effect for effect in effects if effect.id not in {present.id for present in rig.effects}]
+    shafts = [shafts[number] for number in spread(len(shafts), DEFAULT_SEARCH.coarse_conditions)]
     evidence = leg_dataset(shafts)
     coordinates = Parameterization(nuisances_of_drive(rig, Supposed(rig)))
     base = without_scatter(evidence).at(coordinates, np.zeros(coordinates.size))

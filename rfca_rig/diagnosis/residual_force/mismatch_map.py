@@ -9,7 +9,7 @@ corrected for the number of tests (Holm, Scand. J. Statist. 6 (1979) 65).
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from rfca_rig.diagnosis.data.observations import Observations
 from rfca_rig.diagnosis.inference.map_fit import MapFit
@@ -76,7 +76,7 @@ def _describe_cell(rows: Observations, apart: Floats, covariance: Floats, of: ND
 
 def _chance(apart: Floats, covariance: Floats, of: NDArray[np.intp]) -> float:
     """Probability of a chi-square as large as that of these rows, were nothing missing."""
-    return float(chi2.sf(float(apart[of] @ cho_solve(cho_factor(covariance[np.ix_(of, of)]), apart[of])), len(of)))
+    return float(chdtrc(len(of), apart[of] @ cho_solve(cho_factor(covariance[np.ix_(of, of)]), apart[of])))
 
 
 def _holm(p_values: Floats) -> Floats:
