@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.diagnosis.config import AS_GOOD, IMPLAUSIBLE, LAWS_SIZE
+from rfca_rig.diagnosis.decision import decide, sizes
 from rfca_rig.diagnosis.decision.comparison import Comparison, compare
 from rfca_rig.diagnosis.decision.decide import Supported, _best_family, decide_from, support_of_best
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
@@ -118,9 +119,8 @@ def _with_rms(one, rms):
 
 
 def test_a_size_counts_from_where_the_effect_does_nothing(gained):
-    """The law leaves 3 % of what a gain of 1.2 changes, not of 1.2."""
-    sizes, _ = estimate_sizes(gained, gained.best.hypothesis, 0)
-    factor = sizes["factor"]
+    """The law leaves a share of what a gain of 1.2 changes, not of 1.2."""
+    factor = estimate_sizes(gained, gained.best.hypothesis, 0)[0]["factor"]
     assert abs(factor.value - GAIN) < 2.0 * factor.std
     assert LAWS_SIZE * (GAIN - 1.0) * 0.9 < factor.std < LAWS_SIZE * GAIN
 
@@ -129,6 +129,28 @@ def test_intervals_widen_with_what_the_law_leaves(uneven, gained):
     narrow, wide = (estimate_sizes(one, one.best.hypothesis, 0)[0]["factor"].std for one in (gained, uneven))
     assert wide > 3.0 * narrow
     assert wide > 0.02  # the gains were 1.27 to 1.33
+
+
+def test_two_estimates_of_one_deviation_are_not_added(gained, monkeypatch):
+    """With a jackknife as wide as the posterior, and a law that leaves nothing, an interval is as wide as either."""
+    hypothesis = gained.best.hypothesis
+    posterior_std = np.sqrt(np.diag(hypothesis.judgement.posterior.covariance))
+    monkeypatch.setattr(sizes, "LAWS_SIZE", 0.0)
+    monkeypatch.setattr(sizes, "LAW_SHARE", 0.0)
+    std = []
+    for share in (0.0, 1.0, 3.0):
+        monkeypatch.setattr(sizes, "_jackknife_std", lambda *_, share=share: share * posterior_std)
+        std.append(estimate_sizes(gained, hypothesis, 0)[0]["factor"].std)
+    assert std[1] == std[0] > 0.0
+    assert std[2] == pytest.approx(3.0 * std[0], rel=0.05)
+
+
+def test_a_family_is_at_least_as_probable_as_an_effect_whose_class_it_holds(gained, monkeypatch):
+    monkeypatch.setattr(decide, "calibration_of", lambda kind: SimpleNamespace(probability=lambda _: {"effect": 0.9, "family": 0.6}[kind]))
+    probability = {one.kind: one.probability for one in support_of_best(gained)}
+    assert probability == {"effect": 0.9, "family": 0.9}
+    monkeypatch.setattr(Comparison, "as_good_as", lambda *_: ("clock_offset",))
+    assert {one.probability for one in support_of_best(gained) if one.kind == "family"} == {0.6}
 
 
 def graded(comparison, of_effects, of_families=0.5):

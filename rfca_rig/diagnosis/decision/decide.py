@@ -153,8 +153,11 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
 
 
 def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
-    """The support of every effect of the best explanation, and of every family that one of them belongs to."""
-    found = []
+    """The support of every effect of the best explanation, and of every family that one of them belongs to.
+
+    A family is at least as probable as an effect whose class lies within it: that the effect is there implies the family.
+    """
+    found: list[Supported] = []
     for effect_id in comparison.best.ids:
         alike = comparison.as_good_as(effect_id)
         values = support_values(comparison.support((effect_id, *alike)))
@@ -162,7 +165,8 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
     for family in _families_of_best(comparison).values():
         # a size at the end of its range speaks against the law, not against its family
         values = support_values(comparison.support(tuple(sorted(family.members)))) | {"bound": 0.0}
-        found.append(Supported("family", family.id, calibration_of("family").probability(values), values))
+        within = [one.probability for one in found if family.members.issuperset((one.id, *one.cannot_tell_from))]
+        found.append(Supported("family", family.id, max((calibration_of("family").probability(values), *within)), values))
     return tuple(found)
 
 

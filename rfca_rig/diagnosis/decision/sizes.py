@@ -1,11 +1,11 @@
 """Sizes of stated effects, with intervals that carry the misfit that remains.
 
-Three independent parts make the standard deviation of a parameter:
+Two independent parts make the standard deviation of a parameter:
 
-1. the posterior at the discrepancy scale of the hypothesis;
-2. the scatter between conditions, by a delete-one jackknife (Quenouille, Biometrika 43 (1956) 353), which is robust to errors that the
-   observations of one condition share;
-3. the law itself: a real cause departs from its law in the catalogue by LAWS_SIZE at least. Where held-out misfit remains, it departs by
+1. the data: the larger one of two estimates of the same deviation. The posterior at the discrepancy scale of the hypothesis is one. The
+   other is a delete-one jackknife over conditions (Quenouille, Biometrika 43 (1956) 353), which is robust to errors that the observations
+   of one condition share;
+2. the law itself: a real cause departs from its law in the catalogue by LAWS_SIZE at least. Where held-out misfit remains, it departs by
    up to the share of that misfit in what the effect removes.
 """
 
@@ -38,7 +38,7 @@ def estimate_sizes(comparison: Comparison, hypothesis: Hypothesis, number: int) 
     """
     term = hypothesis.fitted.coordinates.choices[number]
     part, posterior = hypothesis.fitted.coordinates.part(number), hypothesis.judgement.posterior
-    std = np.hypot(np.sqrt(np.diag(posterior.covariance))[part], _jackknife_std(comparison, hypothesis)[part])
+    std = np.maximum(np.sqrt(np.diag(posterior.covariance))[part], _jackknife_std(comparison, hypothesis)[part])
     law = LAW_SHARE * comparison.law_error(comparison.scaled(hypothesis))
     parameters: dict[str, Value] = {name: Value(value, 0.0) for name, value in term.whole}
     shape: dict[str, Value] = {}
