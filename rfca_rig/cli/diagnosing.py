@@ -162,8 +162,7 @@ def _diagnosed(recordings: "Sequence[Recording]", asked: Asked) -> "Diagnosis":
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.diagnose import diagnose as diagnosed
     from rfca_rig.diagnosis.experiment_design.next_protocol import write_next_protocol
-    from rfca_rig.diagnosis.fitted_model_file import write_fitted_model
-    from rfca_rig.diagnosis.measured_model_file import write_measured_model
+    from rfca_rig.diagnosis.model_files import write_fitted_model, write_measured_model
     from rfca_rig.report.diagnosis_files import write_diagnosis
     from rfca_rig.report.origin import origin_of
 

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 
 def before_and_after(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> Mapping[str, BeforeAfter]:
-    """Rms against the model as believed and as accepted, per signal, and what noise and scatter leave of it."""
+    """Rms residuals of the nominal and of the accepted model, per signal, and what noise and scatter leave of them."""
     measured = found.evidence.rows.measured
     return _by_signal(found, "rms", measured - found.believed.predicted, measured - accepted.rows, experiment)
 
@@ -31,7 +31,6 @@ def held_out(found: ModelSelectionResult, accepted: Hypothesis, experiment: str)
 
 
 def _by_signal(found: ModelSelectionResult, name: str, before: Floats, after: Floats, experiment: str) -> dict[str, BeforeAfter]:
-    """Rms of residuals before and after, and of the floor below both, of each signal of one experiment."""
     rows = found.evidence.rows
     floor = np.sqrt(rows.noise**2 + (found.scatter.columns**2).sum(axis=1))
     of_signal = {str(signal): (rows.signal == signal) & (rows.experiment == experiment) for signal in np.unique(rows.signal)}
@@ -40,10 +39,9 @@ def _by_signal(found: ModelSelectionResult, name: str, before: Floats, after: Fl
 
 def overlays(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> tuple[Overlay, ...]:
     """Measured means with both models, condition by condition and signal by signal."""
-    rows = found.evidence.rows
-    after = accepted.rows
+    rows, columns = found.evidence.rows, (found.evidence.rows.measured, found.believed.predicted, accepted.rows)
     return tuple(
-        Overlay(label.condition, label.signal, rows.t_s[here], rows.measured[here], found.believed.predicted[here], after[here])
+        Overlay(label.condition, label.signal, rows.t_s[here], *(column[here] for column in columns))
         for number, label in enumerate(rows.labels)
         if label.experiment == experiment and len(here := np.flatnonzero(rows.label == number))
     )

@@ -7,7 +7,7 @@ import pytest
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.diagnosis.decision.comparison import compare
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
-from rfca_rig.diagnosis.fitted_model_file import _found
+from rfca_rig.diagnosis.model_files import _found
 from rfca_rig.diagnosis.result import NamedEffect, Value
 from rfca_rig.diagnosis.result_builder import present_effects
 from rfca_rig.model.parameters import PresentEffect

@@ -19,7 +19,7 @@ from rfca_rig.diagnosis.leg.simulator import leg_dataset
 from rfca_rig.diagnosis.likelihood.covariance import AtError, basis_of
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities
 from rfca_rig.diagnosis.likelihood.laplace import Linear
-from rfca_rig.diagnosis.measured_model_file import write_measured_model
+from rfca_rig.diagnosis.model_files import write_measured_model
 from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum
 from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, pendulum_dataset, stretches_of
 from rfca_rig.diagnosis.residual_force.catalogue_curve import catalogue_curve

@@ -10,12 +10,10 @@ import pytest
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.bench.expectation import expected_loads
 from rfca_rig.description.protocol_file import read_dynamic, read_static
-from rfca_rig.diagnosis.experiment_design.designs import SEQUENCES, StageCandidate
 from rfca_rig.diagnosis.experiment_design.expected_information import ExpectedInformation
-from rfca_rig.diagnosis.experiment_design.feasible_region import FeasibleRegion
-from rfca_rig.diagnosis.experiment_design.next_experiment import _options, next_experiment
+from rfca_rig.diagnosis.experiment_design.leg_experiment import SEQUENCES, FeasibleRegion, _list_options, next_experiment, stage_design
 from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL, protocol_of, write_next_protocol
-from rfca_rig.diagnosis.experiment_design.open_hypotheses import contest_of
+from rfca_rig.diagnosis.experiment_design.open_hypotheses import list_open_hypotheses
 from rfca_rig.diagnosis.leg.shaft_observations import shaft_condition
 from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter
 from rfca_rig.errors import BadInput
@@ -127,14 +125,14 @@ def test_too_few_conditions_ask_for_one_that_is_unlike_them(nothing_open):
 @pytest.mark.parametrize("limits", [LIMITS, replace(LIMITS, force_N=45.0), replace(LIMITS, speed_rad_s=2.0)], ids=["all", "force", "speed"])
 def test_no_option_passes_the_rigs_limits(gain_or_spring, limits):
     case, facts = gain_or_spring, replace(RIG_FILE.facts(), limits=limits)
-    contest = contest_of(case.found, case.verdicts.leg_decision, True)
-    options = [o for o in _options(case.body, case.verdicts, contest, True, limits) if "height_mm" in o.described]
+    contest = list_open_hypotheses(case.found, case.verdicts.leg_decision, True)
+    options = [o for o in _list_options(case.body, case.verdicts, contest, True, limits) if "height_mm" in o.design.settings]
     assert options
     for option in options:
-        protocol = protocol_of({**option.described, "repeats": option.repeats})
+        protocol = protocol_of({**option.design.settings, "repeats": option.repeats})
         plan = (
             flapping_plan(protocol.flapping(), facts)
-            if option.described["kind"] == "dynamic"
+            if option.design.settings["kind"] == "dynamic"
             else static_plan(protocol.static_stages(), facts)
         )
         for hypothesis in contest.open:
@@ -144,8 +142,8 @@ def test_no_option_passes_the_rigs_limits(gain_or_spring, limits):
 
 def test_a_rig_without_known_limits_is_asked_for_no_more_than_it_did(gain_or_spring):
     case = gain_or_spring
-    contest = contest_of(case.found, case.verdicts.leg_decision, True)
-    speeds = [o.described.get("speed_rad_s", 0.0) for o in _options(case.body, case.verdicts, contest, True, None)]
+    contest = list_open_hypotheses(case.found, case.verdicts.leg_decision, True)
+    speeds = [o.design.settings.get("speed_rad_s", 0.0) for o in _list_options(case.body, case.verdicts, contest, True, None)]
     assert 0.0 < max(speeds) <= 3.249
 
 
@@ -154,17 +152,20 @@ def test_a_rig_that_may_press_with_nothing_is_left_alone(gain_or_spring):
 
 
 def test_recorded_conditions_are_not_asked_for_again(gain_or_spring):
-    contest = contest_of(gain_or_spring.found, gain_or_spring.verdicts.leg_decision, True)
-    for option in _options(gain_or_spring.body, gain_or_spring.verdicts, contest, True, LIMITS):
-        if option.described["kind"] == "dynamic":
-            same = [abs(option.described["height_mm"] - h) < 3.0 and abs(option.described["speed_rad_s"] / v - 1.0) < 0.1 for h, v in THREE]
+    contest = list_open_hypotheses(gain_or_spring.found, gain_or_spring.verdicts.leg_decision, True)
+    for option in _list_options(gain_or_spring.body, gain_or_spring.verdicts, contest, True, LIMITS):
+        if option.design.settings["kind"] == "dynamic":
+            same = [
+                abs(option.design.settings["height_mm"] - h) < 3.0 and abs(option.design.settings["speed_rad_s"] / v - 1.0) < 0.1
+                for h, v in THREE
+            ]
             assert not any(same)
 
 
 def test_pushing_a_bent_leg_back_is_refused_where_it_wedges_beyond_the_limit():
     def back(force_N):
-        candidate = StageCandidate("slow reversal", 0.215, FeasibleRegion(0.2, 0.25, 5.0, Load(force_N, 50.0)), NOISE)
-        return candidate.part(SimpleNamespace(rig=RIG, height_offset_m=0.0, turn_offset_rad=0.0))
+        design = stage_design("slow reversal", 0.215, FeasibleRegion(0.2, 0.25, 5.0, Load(force_N, 50.0)), NOISE)
+        return design.simulate(SimpleNamespace(rig=RIG, height_offset_m=0.0, turn_offset_rad=0.0))
 
     assert back(300.0) is not None
     assert back(50.0) is None  # 46 N loading, 65 N and more when the shaft goes back
@@ -172,11 +173,13 @@ def test_pushing_a_bent_leg_back_is_refused_where_it_wedges_beyond_the_limit():
 
 @pytest.mark.parametrize("kind", SEQUENCES)
 def test_a_static_proposal_is_a_protocol_that_a_run_takes(tmp_path, kind):
-    described = StageCandidate(kind, 0.215, FeasibleRegion(0.2, 0.25, 5.0, Load(1e3, 1e3)), NOISE).described()
-    path = write_next_protocol(tmp_path, {**described, "repeats": 1, "why": "to see", "protocol": NEXT_PROTOCOL})
+    settings = stage_design(kind, 0.215, FeasibleRegion(0.2, 0.25, 5.0, Load(1e3, 1e3)), NOISE).settings
+    path = write_next_protocol(tmp_path, {**settings, "repeats": 1, "why": "to see", "protocol": NEXT_PROTOCOL})
     protocol = read_static(path)
     assert protocol.heights_mm == (215.0,)
-    assert [(s.angle_deg, s.direction) for s in protocol.stages] == list(SEQUENCES[kind])
+    assert [s.angle_deg for s in protocol.stages] == list(SEQUENCES[kind])
+    back = [i for i, s in enumerate(protocol.stages) if s.direction == "unloading"]
+    assert back == ([4, 5, 6] if kind == "slow reversal" else [])
 
 
 def test_a_dynamic_proposal_is_a_protocol_that_a_run_takes(tmp_path, gain_or_spring):
@@ -228,7 +231,7 @@ def _rival(jacobian, covariance):
 
 def test_expected_log_evidence_is_the_mean_over_many_recordings(linear_view):
     view, slopes = linear_view
-    (expected,) = view.expected([4])
+    (expected,) = view.expect([4])
     scattered = np.outer(slopes[0][:, 0], slopes[0][:, 0]) * (0.05 / 0.2) ** 2 / 4
     covariance = np.eye(ROWS) * (0.4**2 / 4 + 0.1) + scattered + slopes[1] @ np.diag([0.3, 0.3]) @ slopes[1].T
     apart = view.predicted[0] - view.predicted[1]
@@ -246,7 +249,7 @@ def _log_density(deviations, covariance):
 
 def test_what_rivals_may_move_and_scatter_only_take_evidence_away(linear_view):
     view, _ = linear_view
-    few, many = view.expected([3, 10])
+    few, many = view.expect([3, 10])
     assert (few <= many + 1e-12).all()
-    assert (many <= view.at_most(10) + 1e-12).all()
-    assert many[0, 1] < 0.9 * view.at_most(10)[0, 1]
+    assert (many <= view.bound(10) + 1e-12).all()
+    assert many[0, 1] < 0.9 * view.bound(10)[0, 1]

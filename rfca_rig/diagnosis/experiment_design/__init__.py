@@ -1,5 +1,5 @@
-"""The experiment that would decide between open hypotheses. Entry point: `next_experiment.next_experiment`.
+"""The experiment that would decide between the open hypotheses. Entry points: `leg_experiment`, `pendulum_experiment`.
 
-`open_hypotheses` says what is open; `designs` and `feasible_region` what can be run; `expected_information` what it would tell;
-`next_protocol` writes it as a protocol; `bench_tests` are tests off the rig.
+`open_hypotheses` lists what is open, `expected_information` computes what an experiment would show, `choice` ranks experiments and bench
+tests, and `next_protocol` writes the proposal as a protocol file.
 """

@@ -1,16 +1,19 @@
-"""By how much an experiment would tell rivals apart.
+"""How well an experiment would separate the open hypotheses.
 
 If k is true, the log evidence that a new recording is expected to give it over l is
 
-    1/2 |C_l^(-1/2) (f_k - f_l)|^2,   C_l = D + s^2 K + B B^T / r + J_l P_l J_l^T,
+    1/2 (f_k - f_l)^T C_l^-1 (f_k - f_l),   C_l = (D + B B^T) / r + s^2 K + J_l P_l J_l^T
 
-with f the rows each rival predicts at its fitted point, D of the noise, s^2 K of a usual model error, B what differs from stroke to
-stroke, and J_l P_l J_l^T what l may still move after the recordings there are (Box and Hill, Technometrics 9 (1967) 57).
+f are the rows that each hypothesis predicts at its fitted point, D is the noise of one repeat, B what differs from repeat to repeat, r the
+number of repeats and s^2 K a usual model error. J_l P_l J_l^T is what the parameters of l may still change after the recordings so far.
+
+References
+----------
+Box and Hill, Technometrics 9 (1967) 57.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,112 +22,93 @@ from scipy.linalg import cholesky, solve_triangular
 from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import OpenHypotheses
-from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
 from rfca_rig.diagnosis.leg.simulator import flaps_of
 from rfca_rig.diagnosis.likelihood.covariance import discrepancy
 from rfca_rig.diagnosis.simulator import ConditionData
 
 Floats = NDArray[np.float64]
 
-STEP = 0.3  # of a prior deviation
-START = "start_angle"
+STEP = 0.3  # prior deviations: a finite difference that averages over the roughness of contact
 
 
 @dataclass(frozen=True)
 class ExpectedInformation:
-    """One experiment under all rivals: `predicted` (n, m), and without repeats `noise` (m,) and the model error's covariance (m, m)."""
+    """One experiment as the n open hypotheses predict it.
 
-    contest: OpenHypotheses
-    evidence: Dataset
+    `dataset` has it as the only condition. `predicted` (n, m) are the rows of each hypothesis, `noise` (m,) the standard deviation of one
+    repeat, and `model_error` (m, m) the covariance of a usual model error.
+    """
+
+    hypotheses: OpenHypotheses
+    dataset: Dataset
     predicted: Floats
     noise: Floats
     model_error: Floats
 
-    def at_most(self, repeats: int) -> Floats:
-        """An upper bound of `expected`: no rival may move, all strokes are alike."""
-        return self._gained(repeats, [np.zeros((len(self.noise), 0))] * len(self.predicted))
+    def bound(self, repeats: int) -> Floats:
+        """An upper bound (n, n) of `expect`: no parameter may change, and all repeats are alike."""
+        return self._compare(np.diag(self.noise**2) / repeats, [np.zeros((len(self.noise), 0))] * len(self.predicted))
 
-    def expected(self, repeats: Sequence[int]) -> list[Floats] | None:
-        """Expected log evidence (n, n) of row over column where row is true, for each number of repeats; None where a rival cannot move."""
-        slopes = self._slopes()
-        if slopes is None:
+    def expect(self, repeats: Sequence[int]) -> list[Floats] | None:
+        """Expected log evidence of row over column (n, n) where row is true, per number of repeats; None where a model has no answer."""
+        jacobians = self._jacobians()
+        if jacobians is None:
             return None
-        scatter = self._scatter(slopes[0])
-        moved = [_moved(h, jacobian) for h, jacobian in zip(self.contest.open, slopes, strict=True)]
-        return [self._gained(r, [np.column_stack([scatter / np.sqrt(r), m]) for m in moved]) for r in repeats]
-
-    def _gained(self, repeats: int, extra_directions: Sequence[Floats]) -> Floats:
-        """`loose` (m, q) of each column's rival are directions in which its rows may vary by one standard deviation each."""
-        factor = cholesky(np.diag(self.noise**2 / repeats) + self.model_error, lower=True)
-        ends = np.cumsum([len(self.predicted), *(directions.shape[1] for directions in extra_directions)])
-        white = solve_triangular(factor, np.column_stack([self.predicted.T, *extra_directions]), lower=True)
-        predicted, *directions = np.split(white, ends[:-1], axis=1)
-        return np.column_stack([_apart(predicted - predicted[:, [k]], d) for k, d in enumerate(directions)])
+        scatter = self._scatter(jacobians[0])
+        of_one = np.diag(self.noise**2) + scatter @ scatter.T
+        roots = [np.linalg.cholesky(hypothesis.judgement.posterior.covariance) for hypothesis in self.hypotheses.open]
+        moves = [jacobian @ root for jacobian, root in zip(jacobians, roots, strict=True)]
+        return [self._compare(of_one / count, moves) for count in repeats]
 
     @property
     def load(self) -> float:
-        """The largest value that it would show."""
+        """The largest value that would be recorded."""
         return float(np.abs(self.predicted).max())
 
-    def _slopes(self) -> list[Floats] | None:
-        """Of each rival, (m, p); the nuisances of all move the rows as they do those of the likeliest, near which all fit."""
-        first, nuisances = self.contest.open[0], self.contest.open[0].fitted.coordinates.nuisances
-        jobs = [(first, i) for i in range(nuisances)]
-        jobs += [(h, i) for h in self.contest.open for i in range(nuisances, h.fitted.coordinates.size)]
-        found = self.evidence.predicted_all([_stepped(h, i) for h, i in jobs])
-        if any(rows is None for rows in found):
-            return None
-        place = {id(h): row for h, row in zip(self.contest.open, self.predicted, strict=True)}
-        columns = [(rows - place[id(h)]) / _step(h, i) for (h, i), rows in zip(jobs, found, strict=True) if rows is not None]
-        shared, own, begin = columns[:nuisances], [], nuisances
-        for h in self.contest.open:
-            end = begin + h.fitted.coordinates.size - nuisances
-            own.append(np.column_stack([*shared, *columns[begin:end]]))
-            begin = end
-        return own
+    def _compare(self, of_mean: Floats, moves: Sequence[Floats]) -> Floats:
+        """`of_mean` (m, m) is the covariance of the mean over repeats, `moves` (m, p) a root of what each hypothesis may still change."""
+        factor = cholesky(of_mean + self.model_error, lower=True)
+        predicted, *white = (solve_triangular(factor, rows, lower=True) for rows in (self.predicted.T, *moves))
+        columns = []
+        for k, own in enumerate(white):
+            apart = predicted - predicted[:, [k]]
+            along = own.T @ apart
+            explained = along * np.linalg.solve(np.eye(len(along)) + own.T @ own, along)
+            columns.append(0.5 * ((apart**2).sum(axis=0) - explained.sum(axis=0)))
+        return np.column_stack(columns)
+
+    def _jacobians(self) -> list[Floats] | None:
+        """Of each hypothesis, (m, p). All share the columns of the nuisance parameters: all fit near the first."""
+        fits = [hypothesis.fitted for hypothesis in self.hypotheses.open]
+        shared = fits[0].coordinates.nuisances
+        places = [(0, i) for i in range(shared)] + [(k, i) for k, fit in enumerate(fits) for i in range(shared, fit.coordinates.size)]
+        # towards the middle of the prior, where the model has an answer
+        steps = [-STEP if fits[k].x[i] > 0.0 else STEP for k, i in places]
+        points = [fits[k].x + step * (np.arange(len(fits[k].x)) == i) for (k, i), step in zip(places, steps, strict=True)]
+        moved = self.dataset.predicted_all([fits[k].coordinates.supposed(x) for (k, _), x in zip(places, points, strict=True)])
+        columns = {}
+        for (k, i), step, rows in zip(places, steps, moved, strict=True):
+            if rows is None:
+                return None
+            columns[k, i] = (rows - self.predicted[k]) / step
+        own = [[columns[0 if i < shared else k, i] for i in range(fit.coordinates.size)] for k, fit in enumerate(fits)]
+        return [np.reshape(each, (-1, len(self.noise))).T for each in own]
 
     def _scatter(self, jacobian: Floats) -> Floats:
-        """B of one stroke, (m, k), from the slopes of the nuisances that scatter too."""
-        space = self.contest.open[0].fitted.coordinates.space
-        std = {name: std for name, std in self.contest.found.scatter.std.items() if name != START or self._starts_anywhere}
-        columns = [jacobian[:, i] * std[name] / space.prior_std[i] for i, name in enumerate(space.names) if std.get(name)]
-        return np.column_stack(columns) if columns else np.zeros((len(jacobian), 0))
-
-    @property
-    def _starts_anywhere(self) -> bool:
-        """Strokes whose start is recorded are simulated from there."""
-        return any(flap.turn.start_rad is None for flap in flaps_of(self.evidence.parts))
+        """B, from the Jacobian's columns (m, k) of all nuisance parameters. A recorded start angle is simulated: it does not scatter."""
+        std = dict(self.hypotheses.found.scatter.std)
+        if "start_angle" in std and all(flap.turn.start_rad is not None for flap in flaps_of(self.dataset.parts)):
+            del std["start_angle"]
+        space = self.hypotheses.open[0].fitted.coordinates.space
+        share = np.array([std.get(name, 0.0) for name in space.names]) / space.prior_std
+        return jacobian[:, : len(share)] * share
 
 
-def expected_information(contest: OpenHypotheses, part: ConditionData) -> ExpectedInformation | None:
-    """The experiment whose rows these would be; None where a rival has no answer to it."""
-    rows = part.rows()
-    evidence = Dataset((part,), rows, contest.found.evidence.simulator)
-    found = evidence.predicted_all([h.fitted.coordinates.supposed(h.fitted.x) for h in contest.open])
-    answers = [rows for rows in found if rows is not None]
-    if len(answers) < len(found):
+def expected_information(hypotheses: OpenHypotheses, condition: ConditionData) -> ExpectedInformation | None:
+    """The predictions of all hypotheses for a condition that is not recorded yet; None where one of them has no answer."""
+    rows = condition.rows()
+    dataset = Dataset((condition,), rows, hypotheses.found.evidence.simulator)
+    found = dataset.predicted_all([h.fitted.coordinates.supposed(h.fitted.x) for h in hypotheses.open])
+    if any(answer is None for answer in found):
         return None
-    return ExpectedInformation(contest, evidence, np.array(answers), rows.noise, USUAL_ERROR**2 * discrepancy(rows))
-
-
-def _apart(white: Floats, extra_directions: Floats) -> Floats:
-    """Half the squares of whitened columns (m, n), what lies along loose directions (m, q) shrunk as far as those allow: (n,)."""
-    along = extra_directions.T @ white
-    shrunk = np.linalg.solve(np.eye(len(along)) + extra_directions.T @ extra_directions, along)
-    return np.asarray(0.5 * ((white**2).sum(axis=0) - (along * shrunk).sum(axis=0)))
-
-
-def _moved(hypothesis: Hypothesis, jacobian: Floats) -> Floats:
-    """J times a root of P, (m, p)."""
-    return np.asarray(jacobian @ np.linalg.cholesky(hypothesis.judgement.posterior.covariance))
-
-
-def _step(hypothesis: Hypothesis, i: int) -> float:
-    """Towards the middle of the prior, where the model has an answer."""
-    return -STEP if hypothesis.fitted.x[i] > 0.0 else STEP
-
-
-def _stepped(hypothesis: Hypothesis, i: int) -> Any:
-    x = hypothesis.fitted.x.copy()
-    x[i] += _step(hypothesis, i)
-    return hypothesis.fitted.coordinates.supposed(x)
+    return ExpectedInformation(hypotheses, dataset, np.array(found), rows.noise, USUAL_ERROR**2 * discrepancy(rows))

@@ -1,6 +1,5 @@
 """Which hypotheses the recordings leave open, so that one more experiment has something to decide."""
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,68 +10,45 @@ from rfca_rig.diagnosis.config import SURE
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 
-Floats = NDArray[np.float64]
-
-PLAUSIBLE = 0.01  # a hypothesis less probable than this is not worth an experiment
-MOST = 5
-HEARD = 0.05  # every one that is left open counts this much at least: the likeliest was not stated
+PLAUSIBLE = 0.01  # probability: a less probable hypothesis is not worth an experiment
+MOST = 5  # hypotheses: each costs as many simulations of every experiment as it has parameters
+LEAST_WEIGHT = 0.05  # probability: the most probable hypothesis was not stated, so the others count at least this much
 
 
 @dataclass(frozen=True)
 class OpenHypotheses:
-    """Hypotheses about one body of evidence that are still open, likeliest first, with probabilities (n,) among themselves."""
+    """The hypotheses of a search that are still open, accepted or most probable first, with relative probabilities (n,); at least two."""
 
     found: ModelSelectionResult
     open: tuple[Hypothesis, ...]
-    probability: Floats
+    probability: NDArray[np.float64]
 
 
-def contest_of(found: ModelSelectionResult, decision: Decision, enough: bool) -> OpenHypotheses | None:
-    """What is open after a decision; None where all is said. Without `enough` conditions everything stays open."""
+def list_open_hypotheses(found: ModelSelectionResult, decision: Decision, enough: bool) -> OpenHypotheses | None:
+    """What is open after a decision; None where fewer than two hypotheses are. Without `enough` conditions everything stays open."""
+    best: dict[frozenset[str], Hypothesis] = {}  # variant of each set of effects
+    for hypothesis in sorted((found.nothing, *found.named), key=lambda h: -h.log_joint):
+        best.setdefault(frozenset(hypothesis.ids), hypothesis)
+    ranked, accepted = list(best.values()), decision.explanation
     if not enough:
-        return _contest(found, _ranked((found.nothing, *found.named))[:MOST])
-    if decision.grade == "identified":
-        return _contest(found, _same_class(found, decision))
-    if decision.grade == "nothing missing" and decision.probability >= SURE:
+        is_open = ranked
+    elif decision.grade == "identified":
+        rivals = {name for effect in decision.effects for name in effect.cannot_tell_from}
+        is_open = [accepted, *(h for h in ranked if _swaps_one_effect(h, accepted, rivals))]
+    elif decision.grade == "nothing missing" and decision.probability >= SURE:
+        is_open = []
+    else:
+        probability = softmax([h.log_joint for h in ranked])
+        closest = (decision.closest or accepted).ids
+        likely = [h for h, p in zip(ranked, probability, strict=True) if p >= PLAUSIBLE or h.ids == closest]
+        is_open = likely if len(likely) > 1 else ranked[:2]
+    if len(is_open) < 2:
         return None
-    return _contest(found, _plausible(found, decision))
+    weight = np.maximum(softmax([h.log_joint for h in is_open[:MOST]]), LEAST_WEIGHT)
+    return OpenHypotheses(found, tuple(is_open[:MOST]), weight / weight.sum())
 
 
-def name_of(ids: Sequence[str]) -> str:
-    """A hypothesis in words."""
-    return " with ".join(ids) or "nothing missing"
-
-
-def _contest(found: ModelSelectionResult, hypotheses: Sequence[Hypothesis]) -> OpenHypotheses | None:
-    if not hypotheses:
-        return None
-    weights = np.maximum(softmax([h.log_joint for h in hypotheses]), HEARD)
-    return OpenHypotheses(found, tuple(hypotheses), np.asarray(weights / weights.sum(), dtype=np.float64))
-
-
-def _ranked(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
-    """The best variant of each set of effects, most probable first."""
-    best: dict[tuple[str, ...], Hypothesis] = {}
-    for hypothesis in sorted(hypotheses, key=lambda h: -h.log_joint):
-        best.setdefault(tuple(sorted(hypothesis.ids)), hypothesis)
-    return list(best.values())
-
-
-def _same_class(found: ModelSelectionResult, decision: Decision) -> list[Hypothesis]:
-    """The accepted one, and those in which one effect stands for another that explains the data as well."""
-    accepted = decision.explanation
-    others = {name for effect in decision.effects for name in effect.cannot_tell_from}
-    if not others:
-        return []
-    ranked = _ranked(found.named)
-    rest = [h for h in ranked if len(h.ids) == len(accepted.ids) and len(new := set(h.ids) - set(accepted.ids)) == 1 and new <= others]
-    return [accepted, *rest][:MOST]
-
-
-def _plausible(found: ModelSelectionResult, decision: Decision) -> list[Hypothesis]:
-    """The likely ones and the closest; where that is one alone, the next best as well."""
-    ranked = _ranked((found.nothing, *found.named))
-    probability = softmax([h.log_joint for h in ranked])
-    closest = decision.closest.ids if decision.closest else decision.explanation.ids
-    kept = [h for h, p in zip(ranked, probability, strict=True) if p >= PLAUSIBLE or h.ids == closest]
-    return (kept if len(kept) > 1 else ranked[:2])[:MOST]
+def _swaps_one_effect(hypothesis: Hypothesis, accepted: Hypothesis, rivals: set[str]) -> bool:
+    """Whether one effect of the accepted hypothesis is replaced by one of `rivals`, which explain the data as well."""
+    new = set(hypothesis.ids) - set(accepted.ids)
+    return len(hypothesis.ids) == len(accepted.ids) and len(new) == 1 and new <= rivals

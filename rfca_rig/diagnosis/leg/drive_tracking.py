@@ -1,4 +1,4 @@
-"""What a shaft that does what it is told rules out: drives that would have moved it otherwise, and from what size on."""
+"""What a shaft that follows its command excludes: drives that would have moved it otherwise, and from which size on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,32 +20,27 @@ from rfca_rig.diagnosis.simulator import spread
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import RigModel
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
-class _Obedience:
-    """Shafts that are obeyed; a signature shows where one of them would turn otherwise."""
-
+class _TrackingError:
     shafts: Sequence[ShaftCondition]
     ramp_s: float
 
-    def power(self, signature: Floats) -> float:
-        """Squared size of a signature, 1 where a drive would be looked at."""
+    def power(self, signature: NDArray[np.float64]) -> float:
+        """The largest squared tracking error over all shafts, if each turned otherwise by its part of the signature."""
         ends = np.cumsum([shaft.away_rad.size for shaft in self.shafts])[:-1]
-        each = zip(self.shafts, np.split(signature, ends), strict=True)
-        return max(tracking_error(replace(shaft, repeats=away[None]), self.ramp_s) for shaft, away in each) ** 2
+        turned = [replace(shaft, repeats=away[None]) for shaft, away in zip(self.shafts, np.split(signature, ends), strict=True)]
+        return max(tracking_error(shaft, self.ramp_s) for shaft in turned) ** 2
 
 
 def excluded_by_tracking(shafts: Sequence[ShaftCondition], rig: RigModel, effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
-    """For each of these drives, none of which the rig is believed to have, the size from which on it would have been looked at.
+    """For each of these drive effects that the nominal rig lacks, the size from which on the shaft would not have tracked its command.
 
-    That is asked of a few conditions: the others could only show a smaller one.
+    A few conditions are simulated: the others could only show a smaller size.
     """
     wanted = [effect for effect in effects if effect.id not in {present.id for present in rig.effects}]
     shafts = [shafts[number] for number in spread(len(shafts), DEFAULT_SEARCH.coarse_conditions)]
-    evidence = leg_dataset(shafts)
-    coordinates = Parameterization(nuisances_of_drive(rig, Supposed(rig)))
-    base = without_scatter(evidence).at(coordinates, np.zeros(coordinates.size))
-    trials = [] if base is None else probe_effects(evidence, base, [choice for effect in wanted for choice in terms_of(effect)])
-    return find_detection_limits(wanted, trials, _Obedience(shafts, rig.drive.ramp_s), rig, needed=1.0)
+    dataset, coordinates = leg_dataset(shafts), Parameterization(nuisances_of_drive(rig, Supposed(rig)))
+    base = without_scatter(dataset).at(coordinates, np.zeros(coordinates.size))
+    trials = [] if base is None else probe_effects(dataset, base, [term for effect in wanted for term in terms_of(effect)])
+    return find_detection_limits(wanted, trials, _TrackingError(shafts, rig.drive.ramp_s), rig, needed=1.0)

@@ -11,7 +11,7 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.diagnosis.decision.decide import Decision, join_decisions
-from rfca_rig.diagnosis.experiment_design.next_experiment import next_experiment
+from rfca_rig.diagnosis.experiment_design.leg_experiment import next_experiment
 from rfca_rig.diagnosis.figures import overlays
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.leg.shaft_observations import late_s, turns_as_commanded

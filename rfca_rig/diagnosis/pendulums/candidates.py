@@ -5,7 +5,7 @@ Here the range of a parameter follows from its unit and from what the recordings
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,56 +26,9 @@ OF_SPEED = ("speed_lag",)
 OF_TWO_JOINTS = ("joint_friction_of_one",)
 ALSO = ("fluid_drag", "hinge_viscous_damping", "gravity_tilt")
 
-# Shares of the rig's own figures. Below the first an effect is lost in the usual model error of 1 %; with more than the second the joint
+# Shares of what is usual on the rig. Below the first an effect is lost in the usual model error of 1 %; with more than the second the joint
 # would hardly move. With a tenth and ten times these bounds the log evidence of friction changes by less than 1.
 SMALLEST, LARGEST = 0.002, 0.8
-
-
-@dataclass(frozen=True)
-class RigScale:
-    """What is usual on a rig, over its joints: the smallest and the largest of each."""
-
-    torque_Nm: tuple[float, float]
-    speed_rad_s: tuple[float, float]
-    inertia_kg_m2: tuple[float, float]
-    mass_kg: tuple[float, float]
-    length_m: tuple[float, float]
-
-    def range_of(self, parameter: Parameter) -> tuple[float, float]:
-        """The plausible range of a parameter, by the unit in its name; as in the catalogue where that does not depend on the rig."""
-        (torque, torques), (speed, speeds) = self.torque_Nm, self.speed_rad_s
-        drag = (torque / (speeds**2 * self.length_m[1] ** 4), torques / (speed**2 * self.length_m[0] ** 4))
-        by_unit: Mapping[str, tuple[float, float]] = {
-            "_Nm": self.torque_Nm,
-            "_Nm_s_per_rad": (torque / speeds, torques / speed),
-            "_N_s2_per_m3": (4.0 * drag[0], 4.0 * drag[1]),  # a link that swings about its end feels c w^2 L^4 / 4
-            "_kg_m2": self.inertia_kg_m2,
-            "mass_kg": (self.mass_kg[0], 3.0 * self.mass_kg[1]),  # an added mass may well be more than the pendulum
-        }
-        unit = max((ending for ending in by_unit if parameter.name.endswith(ending)), key=len, default=None)
-        return (parameter.low, parameter.high) if unit is None else (SMALLEST * by_unit[unit][0], LARGEST * by_unit[unit][1])
-
-
-def scale_of(problem: SwingProblem) -> RigScale:
-    """The scale of a rig, from its nominal values and from its recordings."""
-    links = problem.pendulum.links
-    torque_Nm = usual_torque_Nm(problem.pendulum, problem.windows)
-    speed = np.sqrt(np.mean([window.speed_rad_s**2 for window in problem.windows], axis=0))
-    mass, inertia = sum(link.mass_kg for link in links), [link.inertia_kg_m2 for link in links]
-    lengths = [link.length_m for link in links]
-    return RigScale(
-        torque_Nm=_range(torque_Nm),
-        speed_rad_s=_range(speed),
-        inertia_kg_m2=_range(np.array(inertia)),
-        mass_kg=(mass, mass),
-        length_m=(min(lengths), sum(lengths)),
-    )
-
-
-def _range(values: Floats) -> tuple[float, float]:
-    """Smallest and largest; a joint that hardly moves or bears counts as a tenth of the largest."""
-    largest = max(float(values.max()), 1e-12)
-    return max(float(values.min()), 0.1 * largest), largest
 
 
 def candidates_of(problem: SwingProblem, without: Collection[str]) -> list[Effect]:
@@ -84,14 +37,51 @@ def candidates_of(problem: SwingProblem, without: Collection[str]) -> list[Effec
     Effects of a lab's own are looked for where the pendulum has a place for them. Effects of the torque need a driven run, those of one
     joint two joints, those of the speed's channel a recorded speed.
     """
-    powered = any(window.trace.powered for window in problem.windows) and any(link.driven for link in problem.pendulum.links)
-    idle = () if powered else OF_TORQUE
-    idle = idle if len(problem.pendulum.links) > 1 else (*idle, *OF_TWO_JOINTS)
-    idle = idle if any(len(window.measured) > 1 for window in problem.windows) else (*idle, *OF_SPEED)
+    links, windows = problem.pendulum.links, problem.windows
+    shown = {
+        OF_TORQUE: any(window.trace.powered for window in windows) and any(link.driven for link in links),
+        OF_TWO_JOINTS: len(links) > 1,
+        OF_SPEED: any(len(window.measured) > 1 for window in windows),
+    }
+    idle = [effect_id for ids, is_shown in shown.items() if not is_shown for effect_id in ids]
     own, _ = own_effects(problem.pendulum)
-    known = (effect for effect in catalogue().values() if effect.where == OF_PENDULUMS or effect.id in (*ALSO, *own))
-    scale = scale_of(problem)
-    return [_scaled(effect, scale) for effect in select_candidates(known, without) if effect.id not in idle]
+    known = [effect for effect in catalogue().values() if effect.where == OF_PENDULUMS or effect.id in (*ALSO, *own)]
+    ranges = plausible_ranges(problem)
+    return [_with_ranges(effect, ranges) for effect in select_candidates(known, without) if effect.id not in idle]
+
+
+def plausible_ranges(problem: SwingProblem) -> Mapping[str, tuple[float, float]]:
+    """The plausible range of a parameter by the unit that ends its name, from the rig's nominal values and its recordings."""
+    links = problem.pendulum.links
+    torque, torques = _extent(usual_torque_Nm(problem.pendulum, problem.windows))
+    speed, speeds = _extent(np.sqrt(np.mean([window.speed_rad_s**2 for window in problem.windows], axis=0)))
+    inertia, inertias = _extent(np.array([link.inertia_kg_m2 for link in links]))
+    lengths_m, mass_kg = [link.length_m for link in links], sum(link.mass_kg for link in links)
+    usual = {
+        "_Nm": (torque, torques),
+        "_Nm_s_per_rad": (torque / speeds, torques / speed),
+        # a link that swings about its end feels c w^2 L^4 / 4
+        "_N_s2_per_m3": (4.0 * torque / (speeds**2 * sum(lengths_m) ** 4), 4.0 * torques / (speed**2 * min(lengths_m) ** 4)),
+        "_kg_m2": (inertia, inertias),
+        "mass_kg": (mass_kg, 3.0 * mass_kg),  # an added mass may well be more than the pendulum
+    }
+    return {unit: (SMALLEST * low, LARGEST * high) for unit, (low, high) in usual.items()}
+
+
+def _extent(values: Floats) -> tuple[float, float]:
+    """Smallest and largest; a joint that hardly moves or bears counts as a tenth of the largest."""
+    largest = max(float(values.max()), 1e-12)
+    return max(float(values.min()), 0.1 * largest), largest
+
+
+def _with_ranges(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> Effect:
+    """The effect with these ranges; as in the catalogue where a parameter does not depend on the rig."""
+
+    def scale(parameter: Parameter) -> Parameter:
+        found = [extent for unit, extent in ranges.items() if parameter.name.endswith(unit)]
+        return replace(parameter, low=found[0][0], high=found[0][1]) if found else parameter
+
+    return replace(effect, parameters=tuple(map(scale, effect.parameters)))
 
 
 def own_effects(pendulum: Pendulum) -> tuple[tuple[str, ...], Mapping[str, str]]:
@@ -110,9 +100,3 @@ def _middle(parameter: Parameter) -> float:
     """A plausible value: no effect acts at its neutral one."""
     middle = 0.5 * (parameter.low + parameter.high) or parameter.high
     return float(round(middle)) if parameter.whole else middle
-
-
-def _scaled(effect: Effect, scale: RigScale) -> Effect:
-    ranges = [scale.range_of(parameter) for parameter in effect.parameters]
-    parameters = tuple(replace(p, low=low, high=high) for p, (low, high) in zip(effect.parameters, ranges, strict=True))
-    return replace(effect, parameters=parameters)

@@ -1,41 +1,59 @@
-"""`diagnose_pendulum`: recordings of a pendulum in, the same kind of answer out as for a leg."""
+"""`diagnose_pendulum`: recordings of a pendulum in, the same kind of answer out as for a leg. What only a leg has stays empty."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
-from rfca_rig.analysis.swings import SwingProblem, swings_of
+from rfca_rig.analysis.swings import TORQUE_ERROR, SwingProblem, swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions
-from rfca_rig.diagnosis.decision.decide import decide
+from rfca_rig.diagnosis.config import USUAL_ERROR
+from rfca_rig.diagnosis.decision.decide import Decision, decide
+from rfca_rig.diagnosis.experiment_design.pendulum_experiment import next_swing
+from rfca_rig.diagnosis.figures import held_out
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.pendulums.candidates import candidates_of, own_effects
 from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum
-from rfca_rig.diagnosis.pendulums.result import build_pendulum_result
-from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, pendulum_dataset, stretches_of
+from rfca_rig.diagnosis.pendulums.windows import BIN_S, SWINGS, WINDOW_S, pendulum_dataset, stretches_of
 from rfca_rig.diagnosis.residual_force.stated_law import OF_PENDULUM, check_place, measure_stated_law
 from rfca_rig.diagnosis.result import Diagnosis
+from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
 from rfca_rig.model.effect import Effect
+
+FEWEST_STRETCHES = 3  # as many as a leg needs conditions
 
 
 @algebra_on_one_thread()
 def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: Collection[str] = (), law_at: str = "") -> Diagnosis:
     """The diagnosis of a pendulum's recordings.
 
-    Raises BadInput where they are too short, SimulationFailed where the model cannot be computed as believed. `progress` is told what is
-    being done and the share that is done; the effects of the ids in `without` are not looked for. With `law_at`, the law at that place is
-    measured too.
+    Parameters
+    ----------
+    campaign
+        The recordings and the nominal pendulum.
+    progress
+        Called with what is being done and the share that is done.
+    without
+        Ids of effects that are not looked for.
+    law_at
+        The place where a law is measured too, if not empty.
+
+    Raises
+    ------
+    BadInput
+        Where the recordings are too short.
+    SimulationFailed
+        Where the nominal model cannot be computed.
     """
     if law_at:
         check_place(law_at, OF_PENDULUM[:1] if len(campaign.pendulum.links) == 1 else OF_PENDULUM)
     progress("reading", 0.0)
-    problem = swings_of(campaign, WINDOW_S, BIN_S)
-    found, effects = search_pendulum(problem, progress, without)
+    found, effects = search_pendulum(swings_of(campaign, WINDOW_S, BIN_S), progress, without)
     progress("summing up", 0.97)
     decision = decide(found)
-    diagnosis = build_pendulum_result(campaign, found, decision, effects)
+    diagnosis = _build_result(campaign, found, decision, effects)
     if law_at:
         progress(f"measuring the law at {law_at}", 0.98)
         diagnosis = replace(diagnosis, stated_law=measure_stated_law(found, decision.explanation, law_at))
@@ -49,3 +67,33 @@ def search_pendulum(problem: SwingProblem, progress: Progress, without: Collecti
     effects = candidates_of(problem, without)
     coordinates = Parameterization(space_of_pendulum(problem.pendulum, problem.nuisances))
     return search_models(pendulum_dataset(stretches_of(problem)), coordinates, effects, progress), effects
+
+
+def _build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decision: Decision, effects: Sequence[Effect]) -> Diagnosis:
+    """The common answer, with its held-out stretches and its next experiment."""
+    stretches = len(found.evidence.parts)
+    enough = stretches >= FEWEST_STRETCHES
+    if not enough:
+        decision = not_enough_data(found, f"{stretches} stretches of two seconds, {FEWEST_STRETCHES} are needed")
+    result = build_result(campaign.title, found, decision, effects, SWINGS)
+    usual = campaign.known_to.get("torque_error_relative", TORQUE_ERROR)
+    return replace(
+        result,
+        unexplained=(*result.unexplained, *_describe_closest(found, decision)),
+        next_experiment=next_swing(campaign, found, decision, enough),
+        settings={
+            **result.settings,
+            "model_error_assumed": f"half-normal, torques wrong by {100.0 * usual:g} %",
+            "model_error_found": float(found.nothing.judgement.error) * usual / USUAL_ERROR,
+            "window_s": WINDOW_S,
+            "bin_s": BIN_S,
+        },
+    )
+
+
+def _describe_closest(found: ModelSelectionResult, decision: Decision) -> tuple[str, ...]:
+    """What the closest effects, though they are not stated, would do on held-out stretches."""
+    if decision.closest is None or decision.effects:
+        return ()
+    figures = ", ".join(f"{name} {f.before:.2g} to {f.after:.2g}" for name, f in held_out(found, decision.closest, SWINGS).items())
+    return (f"with {' and '.join(decision.closest.ids)} in the model, rms on held-out stretches falls: {figures}",) if figures else ()

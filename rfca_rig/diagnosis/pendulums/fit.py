@@ -36,22 +36,10 @@ class FittedShift:
 
 @dataclass(frozen=True)
 class SignalError:
-    """Rms errors of one signal of one run, in `unit`.
+    """Rms errors of one signal of one run, in the unit that ends the signal's name.
 
-    Parameters
-    ----------
-    run
-        The run's label.
-    signal
-        Name of the signal with its unit, for example "angle1_rad".
-    noise
-        What sensor noise alone makes.
-    nominal
-        With the nominal values.
-    fitted
-        With the fitted values.
-    held_out
-        With the values fitted to all other stretches; None where the campaign has one stretch only.
+    `noise` is what sensor noise alone makes; `nominal` and `fitted` are with those values; `held_out` is with the values fitted to all
+    other stretches, None where the campaign has one stretch only.
     """
 
     run: str
@@ -64,19 +52,7 @@ class SignalError:
 
 @dataclass(frozen=True)
 class PendulumFit:
-    """What a fit of a pendulum's nominal values found.
-
-    Parameters
-    ----------
-    pendulum
-        The pendulum with the fitted values.
-    shifts
-        Each fitted value, as a shift from nominal.
-    errors
-        One for each run and signal.
-    overlays
-        Measured, nominal and fitted signals of each run.
-    """
+    """The pendulum with fitted nominal values, each `shift` from nominal, and the errors and overlays of each run and signal."""
 
     pendulum: Pendulum
     shifts: tuple[FittedShift, ...]
@@ -132,12 +108,9 @@ def fit_pendulum(campaign: PendulumCampaign, progress: Progress, names: Collecti
     posterior, count = found.nothing.judgement.posterior, len(problem.nuisances)
     shifts = dict(of_pendulum(space.at(posterior.mean[:count])).off)
     std = np.sqrt(np.diag(posterior.covariance))[:count] * space.std
-    return PendulumFit(
-        pendulum=shifted(problem.pendulum, shifts),
-        shifts=tuple(FittedShift(n.name, n.std, shifts[n.name], float(s)) for n, s in zip(problem.nuisances, std, strict=True)),
-        errors=tuple(_errors(problem, stretches, found)),
-        overlays=tuple(_overlays(problem, stretches, found)),
-    )
+    fitted = tuple(FittedShift(n.name, n.std, shifts[n.name], float(s)) for n, s in zip(problem.nuisances, std, strict=True))
+    errors, overlays = zip(*_compare(problem, stretches, found), strict=True)
+    return PendulumFit(shifted(problem.pendulum, shifts), fitted, errors, overlays)
 
 
 def _with_nuisances(problem: SwingProblem, names: Collection[str]) -> SwingProblem:
@@ -150,33 +123,25 @@ def _with_nuisances(problem: SwingProblem, names: Collection[str]) -> SwingProbl
     return replace(problem, nuisances=tuple(one for one in problem.nuisances if not names or one.name in names))
 
 
-def _rows_of_runs(problem: SwingProblem, stretches: Sequence[Stretch], found: ModelSelectionResult) -> Iterator[tuple[str, str, Any]]:
-    """(run, signal, its rows' places in order of time) for each run and each signal."""
-    rows = found.evidence.rows
-    run_of_stretch = np.array([problem.conditions[stretch.windows[0].window.run] for stretch in stretches])
-    run_of_row = run_of_stretch[rows.condition]
-    for run in problem.conditions:
-        for signal in stretches[0].signals:
-            here = np.flatnonzero((run_of_row == run) & (rows.signal == signal))
-            if here.size:
-                yield run, signal, here[np.argsort(rows.t_s[here], kind="stable")]
-
-
-def _errors(problem: SwingProblem, stretches: Sequence[Stretch], found: ModelSelectionResult) -> Iterator[SignalError]:
-    rows, nothing = found.evidence.rows, found.nothing
-    apart = None
+def _compare(problem: SwingProblem, stretches: Sequence[Stretch], found: ModelSelectionResult) -> Iterator[tuple[SignalError, Overlay]]:
+    """Of each run and each signal, its rows in order of time."""
+    rows, nothing, nominal, fitted = found.evidence.rows, found.nothing, found.believed.predicted, found.nothing.rows
+    held_out = None
     if len(stretches) > 1:
-        apart = loo_residuals(nothing.fitted.linear(rows.measured), nothing.judgement.whitening, rows.condition, range(len(stretches)))
-    nominal, fitted = rows.measured - found.believed.predicted, rows.measured - nothing.rows
-    for run, signal, here in _rows_of_runs(problem, stretches, found):
-        held_out = None if apart is None else rms(apart[here])
-        yield SignalError(run, signal, rms(rows.noise[here]), rms(nominal[here]), rms(fitted[here]), held_out)
-
-
-def _overlays(problem: SwingProblem, stretches: Sequence[Stretch], found: ModelSelectionResult) -> Iterator[Overlay]:
-    rows, nominal, fitted = found.evidence.rows, found.believed.predicted, found.nothing.rows
-    for run, signal, here in _rows_of_runs(problem, stretches, found):
-        yield Overlay(run, signal, rows.t_s[here], rows.measured[here], nominal[here], fitted[here])
+        held_out = loo_residuals(nothing.fitted.linear(rows.measured), nothing.judgement.whitening, rows.condition, range(len(stretches)))
+    run_of_row = np.array([stretch.windows[0].window.run for stretch in stretches])[rows.condition]
+    for number, run in enumerate(problem.conditions):
+        for signal in stretches[0].signals:
+            here = np.flatnonzero((run_of_row == number) & (rows.signal == signal))
+            if here.size:
+                here = here[np.argsort(rows.t_s[here], kind="stable")]
+                measured = rows.measured[here]
+                errors = (rms(rows.noise[here]), rms(measured - nominal[here]), rms(measured - fitted[here]))
+                apart = None if held_out is None else rms(held_out[here])
+                yield (
+                    SignalError(run, signal, *errors, apart),
+                    Overlay(run, signal, rows.t_s[here], measured, nominal[here], fitted[here]),
+                )
 
 
 def fitted_known_to(campaign: PendulumCampaign, fit: PendulumFit) -> Mapping[str, float]:

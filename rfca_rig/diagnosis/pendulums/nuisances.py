@@ -16,33 +16,29 @@ SOFTNESS = 0.3  # of a standard deviation: how roundly a value that is never neg
 
 @dataclass(frozen=True)
 class SupposedPendulum(Supposed):
-    """What one simulation of a pendulum supposes: the effects in `rig`, and by how much believed values are off, by nuisance."""
+    """What one simulation of a pendulum supposes: the effects in `rig`, and by how much nominal values are off, by nuisance."""
 
     off: tuple[tuple[str, float], ...] = ()
 
 
 def space_of_pendulum(pendulum: Pendulum, nuisances: Sequence[Nuisance]) -> Space[SupposedPendulum]:
-    """The space of the nuisances around the pendulum as believed."""
-    parameters = tuple(_parameter(nuisance, _believed(pendulum, nuisance.name)) for nuisance in nuisances)
+    """The space of the nuisances around the nominal pendulum."""
     std = np.array([nuisance.std for nuisance in nuisances])
+    parameters = tuple(_parameter(pendulum, nuisance) for nuisance in nuisances)
     return Space(parameters, SupposedPendulum(rods(pendulum)), std, np.ones(len(std), dtype=bool))
 
 
-def _believed(pendulum: Pendulum, name: str) -> float | None:
-    """The believed value where it is never negative, None for all others."""
-    link, _, key = name.partition(".")
-    if key not in NEVER_NEGATIVE:
-        return None
-    return float(getattr(pendulum.links[int(link.removeprefix("link")) - 1], key))
+def _parameter(pendulum: Pendulum, nuisance: Nuisance) -> Parameter[SupposedPendulum]:
+    link, _, key = nuisance.name.partition(".")
+    shift: Callable[[float], float] = float
+    if key in NEVER_NEGATIVE:
+        shift = never_below(getattr(pendulum.links[int(link.removeprefix("link")) - 1], key), nuisance.std)
 
-
-def _parameter(nuisance: Nuisance, believed: float | None) -> Parameter[SupposedPendulum]:
     def read(at: SupposedPendulum) -> float:
         return dict(at.off).get(nuisance.name, 0.0)
 
     def write(at: SupposedPendulum, value: float) -> SupposedPendulum:
-        by = value if believed is None else never_below(believed, nuisance.std)(value)
-        return replace(at, off=(*(pair for pair in at.off if pair[0] != nuisance.name), (nuisance.name, by)))
+        return replace(at, off=(*(pair for pair in at.off if pair[0] != nuisance.name), (nuisance.name, shift(value))))
 
     unit = "" if nuisance.name.endswith("_relative") else nuisance.name.split("_", 2)[-1]
     return Parameter(nuisance.name, unit, False, nuisance.std, read, write)
@@ -53,14 +49,9 @@ def of_pendulum(at: Supposed) -> SupposedPendulum:
     return at if isinstance(at, SupposedPendulum) else SupposedPendulum(at.rig)
 
 
-def never_below(believed: float, std: float) -> Callable[[float], float]:
+def never_below(nominal: float, std: float) -> Callable[[float], float]:
     """The shift that is made of a shift asked for: nearly the same where the value stays well above zero, and none takes it below.
 
-    The positive root v of v (v - u) = w^2, for the value u asked for and w = SOFTNESS std / 2; smooth, so that slopes tell the truth.
+    The positive root v of v (v - u) = w^2, for the value u asked for and w = SOFTNESS std / 2: smooth, so that it has a Jacobian.
     """
-    half = 0.5 * SOFTNESS * std
-
-    def positive(value: float) -> float:
-        return 0.5 * (value + float(np.hypot(value, 2.0 * half)))
-
-    return lambda by: positive(believed + by) - believed
+    return lambda by: 0.5 * (nominal + by + float(np.hypot(nominal + by, SOFTNESS * std))) - nominal

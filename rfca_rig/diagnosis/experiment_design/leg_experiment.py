@@ -1,0 +1,207 @@
+"""The next experiment on a leg: strokes at a height and speed, or static stages at a height, within what the rig may do."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.phases import Refused
+from rfca_rig.analysis.repeats import Condition
+from rfca_rig.bench.expectation import expected_loads
+from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, Design, Option, list_options, propose
+from rfca_rig.diagnosis.experiment_design.next_protocol import DYNAMIC, NEXT_PROTOCOL, STATIC, protocol_of
+from rfca_rig.diagnosis.experiment_design.open_hypotheses import OpenHypotheses, list_open_hypotheses
+from rfca_rig.diagnosis.leg.shaft_observations import SIGNAL, ShaftCondition, shaft_condition
+from rfca_rig.diagnosis.leg.simulator import tables_of
+from rfca_rig.diagnosis.leg.stages import MEAN_OF_SAMPLES, StageTable, stage_tables
+from rfca_rig.diagnosis.leg.strokes import BOUNDED, FORCES, FlapCondition, Turn, flap_condition
+from rfca_rig.model.static_stages import StageMoves
+from rfca_rig.model.stroke import SimulatedStroke, stroke_following
+from rfca_rig.protocol.check import Load
+from rfca_rig.protocol.experiments import RigFacts, static_plan
+from rfca_rig.protocol.plan import Limits, Rates
+from rfca_rig.recording.form import Column, StaticStage, Stream, Stroke
+
+if TYPE_CHECKING:
+    from rfca_rig.diagnosis.diagnose import Findings, PreparedData
+
+REPEATS = (3, 5, 10)  # strokes of one condition: from a quick look to a usual series
+GRID = 4  # heights, and speeds: the ends of the range and two between
+HEIGHT_BEYOND_M = 0.020  # the rack may go this far beyond where it has been
+SLOWEST_RAD_S = 1.0  # of strokes; what is slower is left to static stages
+READABLE_RAD_S = 5.0  # at greater speeds a stroke's phases are not found
+SPARE = 0.9  # share of a stated limit that an expectation may reach
+ALIKE_M, ALIKE_SPEED = 0.004, 0.15  # height, and share of the speed: conditions nearer than both show the same
+REST_S = 1.5  # usual time until the leg is at rest
+SEQUENCES = {  # shaft angles in degrees; a bent leg wedges when it is pushed back by more than some degrees
+    "static": (60.0, 75.0, 90.0, 105.0, 120.0, 135.0),
+    "slow reversal": (90.0, 105.0, 120.0, 135.0, 133.0, 131.0, 129.0, 131.0, 133.0, 135.0),
+    "hold": (60.0, *[120.0] * 6),
+}
+
+
+@dataclass(frozen=True)
+class FeasibleRegion:
+    """What the rig may be asked to do: lowest and highest rack, greatest speed, greatest load that the sensor is to feel."""
+
+    lowest_m: float
+    highest_m: float
+    speed_rad_s: float
+    load: Load
+
+    def allows(self, load: Load) -> bool:
+        """Whether neither force nor moment is too large."""
+        return load.with_more(self.load) == self.load
+
+    def heights_m(self, recorded_m: Iterable[float]) -> list[float]:
+        """The recorded heights, and a grid of whole 5 mm between the ends."""
+        grid = 5e-3 * np.linspace(np.ceil(self.lowest_m / 5e-3), np.floor(self.highest_m / 5e-3), GRID).round()
+        heights = {round(float(height), 6) for height in (*grid, *recorded_m)}
+        return sorted(h for h in heights if h > 0.0 and self.lowest_m - 1e-9 <= h <= self.highest_m + 1e-9)
+
+
+def next_experiment(body: "PreparedData", verdicts: "Findings", enough: bool, limits: Limits | None = None) -> dict[str, object] | None:
+    """What to do next; None where nothing is open or nothing would help.
+
+    Parameters
+    ----------
+    body, verdicts
+        The recordings, and what was found in the forces and in the shaft's motion.
+    enough
+        Whether there are enough conditions for a decision. Without, only a further dynamic condition helps.
+    limits
+        Those of the rig. If they are not known, it is asked for no higher speed and no greater load than were recorded.
+
+    Returns
+    -------
+    dict or None
+        Keys: kind, height_mm, speed_rad_s or stages, repeats, minutes, separates, why, protocol (None off the rig).
+    """
+    searches = [(verdicts.leg, verdicts.leg_decision), (verdicts.drive, verdicts.drive_decision)]
+    unsettled = [list_open_hypotheses(found, decision, enough) for found, decision in searches if found and decision]
+    options = [option for each in unsettled if each for option in _list_options(body, verdicts, each, enough, limits)]
+    if options or enough:
+        return propose(options)
+    designs = list(_flap_designs(body, verdicts, _find_region(body, verdicts, limits)))
+    possible = [(apart, design) for apart, design in designs if design.try_simulate(verdicts.leg.nothing) is not None]
+    _, farthest = max(possible, key=lambda one: one[0], default=(0.0, None))
+    why = "a verdict needs more conditions; this one is least like those recorded"
+    return None if farthest is None else farthest.state(REPEATS[0], why)
+
+
+def _list_options(
+    body: "PreparedData", verdicts: "Findings", hypotheses: OpenHypotheses, enough: bool, limits: Limits | None
+) -> Iterator[Option]:
+    of_shaft, region = hypotheses.found is verdicts.drive, _find_region(body, verdicts, limits)
+    designs = [design for _, design in _flap_designs(body, verdicts, region, body.shafts[0] if of_shaft else None)]
+    if enough and not of_shaft:
+        designs += _stage_designs(body, tables_of(verdicts.leg.evidence.parts), region)
+    return list_options(hypotheses, designs, enough)
+
+
+def _find_region(body: "PreparedData", verdicts: "Findings", limits: Limits | None) -> FeasibleRegion:
+    """Within the rig's limits where they are known, else within the speeds and loads that were recorded. Raises SimulationFailed."""
+    flaps, tables, fit = body.flaps, tables_of(verdicts.leg.evidence.parts), verdicts.leg.nothing.fitted
+    heights = [*(flap.height_m for flap in flaps), *(table.height_m for table in tables)]
+    lowest_m, highest_m = min(heights) - HEIGHT_BEYOND_M, max(heights) + HEIGHT_BEYOND_M
+    fastest = max((flap.turn.speed_rad_s for flap in flaps), default=2.0 * SLOWEST_RAD_S)
+    if limits is not None:
+        speed = min(SPARE * limits.speed_rad_s, max(fastest, READABLE_RAD_S))
+        return FeasibleRegion(lowest_m, highest_m, speed, Load(SPARE * limits.force_N, SPARE * limits.torque_Nm))
+    in_strokes = [_load_of(flap.stroke(fit.coordinates.supposed(fit.x))) for flap in flaps]
+    in_stages = [Load(float(np.hypot(stage.fy_N, stage.fz_N)), abs(stage.tx_Nm)) for table in tables for stage in table.stages]
+    return FeasibleRegion(lowest_m, highest_m, fastest, reduce(Load.with_more, [*in_strokes, *in_stages]))
+
+
+def _load_of(stroke: SimulatedStroke) -> Load:
+    return Load(float(np.hypot(stroke.fy_N, stroke.fz_N).max(initial=0.0)), float(np.abs(stroke.tx_Nm).max(initial=0.0)))
+
+
+def _flap_designs(
+    body: "PreparedData", verdicts: "Findings", region: FeasibleRegion, shaft: ShaftCondition | None = None
+) -> Iterator[tuple[float, Design]]:
+    """Strokes at heights and speeds over the region, each with its distance from the nearest recorded condition, 1 where that is alike."""
+    slowest = min(SLOWEST_RAD_S, 0.5 * region.speed_rad_s)
+    speeds = sorted({round(float(v), 1) for v in np.linspace(slowest, region.speed_rad_s, GRID)})
+    recorded = np.array([(flap.height_m, flap.turn.speed_rad_s) for flap in body.flaps]).reshape(-1, 2)
+    if body.flaps:
+        start_rad, noise = body.flaps[0].turn.start_rad, body.flaps[0].sample_noise
+    else:  # as of the static stages, each of which is a mean
+        table = tables_of(verdicts.leg.evidence.parts)[0]
+        start_rad, noise = None, {name: std * float(np.sqrt(MEAN_OF_SAMPLES)) for name, std in table.noise.items()}
+    for height_m in region.heights_m(recorded[:, 0]):
+        for speed_rad_s in speeds:
+            apart = np.abs(np.array([(recorded[:, 0] - height_m) / ALIKE_M, np.log(recorded[:, 1] / speed_rad_s) / ALIKE_SPEED]))
+            if 0.0 < speed_rad_s <= region.speed_rad_s and (apart.max(axis=0) >= 1.0).all():
+                distance = float(np.hypot(*apart).min(initial=np.inf))
+                yield distance, flap_design(height_m, speed_rad_s, region, start_rad, noise, shaft)
+
+
+def flap_design(
+    height_m: float,
+    speed_rad_s: float,
+    region: FeasibleRegion,
+    start_rad: float | None,
+    noise_std: Mapping[str, float],
+    shaft: ShaftCondition | None = None,
+) -> Design:
+    """Strokes at a height and speed from a recorded start, if known, with the noise of one sample; with `shaft` its motion alone counts."""
+    settings = {"kind": "dynamic", "height_mm": round(1e3 * height_m, 3), "speed_rad_s": speed_rad_s}
+    sweep_rad = float(np.radians(DYNAMIC["sweep_deg"]))
+    back_s = (2.0 * np.pi - sweep_rad) / min(DYNAMIC["return_speed_rad_s"], speed_rad_s) + 0.5  # over the top; half a second to stop
+
+    def simulate(at: Supposed) -> FlapCondition | ShaftCondition | None:
+        turn = Turn(speed_rad_s, start_rad)
+        before_s = 0.2 if at.rig.swing is None else min(0.2, at.rig.swing.before_s)  # recordings usually begin so long before the motion
+        t_s = np.arange(-before_s, sweep_rad / speed_rad_s + 0.5 * at.rig.drive.ramp_s, 1e-3)
+        found = stroke_following(at.rig, height_m + at.height_offset_m, turn.motion(at, float(t_s[-1])), t_s, BOUNDED)
+        if not region.allows(_load_of(found)):
+            return None
+        table = Stream(t_s, {name: Column(getattr(found, name), "") for name in (*FORCES, SIGNAL)})
+        condition = Condition(height_m, speed_rad_s, (Stroke(height_m, speed_rad_s, 1, {"table": table}),))
+        flap = flap_condition(condition, noise_std, turn)
+        if isinstance(flap, Refused) or shaft is None:
+            return None if isinstance(flap, Refused) else flap
+        turned = shaft_condition(condition, float(flap.t_s[-1]), at.rig.drive.ramp_s)
+        return None if turned is None else replace(turned, sample_noise_rad=shaft.sample_noise_rad)
+
+    words = f"dynamic at {settings['height_mm']:g} mm and {speed_rad_s:g} rad/s"
+    each_min = (REST_S + sweep_rad / speed_rad_s + back_s) / 60.0
+    return Design(settings, words, SET_UP_MIN, each_min, REPEATS, simulate, NEXT_PROTOCOL)
+
+
+def _stage_designs(body: "PreparedData", tables: Sequence[StageTable], region: FeasibleRegion) -> Iterator[Design]:
+    """At a low, a middle and a high rack where no table was read: two tables of one height would be taken for one sequence."""
+    heights_m = region.heights_m(flap.height_m for flap in body.flaps)
+    free = [h for h in heights_m if all(abs(h - table.height_m) >= ALIKE_M for table in tables)]
+    for kind in SEQUENCES:
+        for height_m in sorted({free[0], free[len(free) // 2], free[-1]}) if free else ():
+            yield stage_design(kind, height_m, region, body.noise_std)
+
+
+def stage_design(kind: str, height_m: float, region: FeasibleRegion, noise_std: Mapping[str, float | None]) -> Design:
+    """A sequence of shaft angles to go through at one height; `noise_std` is that of one sample, where it is stated."""
+    angles_deg = SEQUENCES[kind]
+    ways = ["loading", *("unloading" if there < here else "loading" for here, there in pairwise(angles_deg))]
+    stages = [{"angle_deg": deg, "direction": way} for deg, way in zip(angles_deg, ways, strict=True)]
+    settings = {"kind": kind, "height_mm": round(1e3 * height_m, 3), "stages": stages}
+
+    def simulate(at: Supposed) -> StageTable | None:
+        settled, start_rad = replace(at.rig, swing=None), at.rig.leg.start_angle_rad
+        sequence = protocol_of(settings).static_stages()  # type: ignore[union-attr]
+        no_limits = Limits(*[np.inf] * 12)  # the loads are compared with the region
+        plan = static_plan(sequence, RigFacts(start_rad, start_rad, settled.drive.ramp_s, no_limits, Rates(1e3, 1e3)))
+        if not all(region.allows(load) for load in expected_loads(plan, settled).values()):
+            return None  # the leg would wedge or press too hard on the way
+        empty = [StaticStage(height_m, n, way, angle_rad, (), 0.0, 0.0, 0.0) for n, (angle_rad, way) in enumerate(sequence.angles_rad, 1)]
+        (table,) = stage_tables(empty, noise_std, StageMoves(STATIC["move_speed_rad_s"], 0.2, 1.0))  # a usual ramp, and at rest
+        forces = table.simulated(at).reshape(len(FORCES), -1)
+        return replace(table, stages=tuple(replace(s, **dict(zip(FORCES, f, strict=True))) for s, f in zip(empty, forces.T, strict=True)))
+
+    way_rad = np.radians(np.abs(np.diff(angles_deg)).sum() + 360.0)  # and on to where the shaft waits
+    each_min = float(way_rad / STATIC["move_speed_rad_s"] + len(stages) * (REST_S + STATIC["average_s"])) / 60.0
+    return Design(settings, f"{kind} at {settings['height_mm']:g} mm", SET_UP_MIN, each_min, (1,), simulate, NEXT_PROTOCOL)
