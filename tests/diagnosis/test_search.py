@@ -124,6 +124,62 @@ def test_a_strained_nuisance_gives_way_to_the_effect_that_does_the_same():
     assert state.nothing.farthest > 2.5 > found.best.farthest
 
 
+def begun_with(effect, found_as, known_to):
+    """The search where so far only a wrong effect has been fitted."""
+    parts = flaps_of(recorded(replace(RIG, effects=(effect,)), CONDITIONS, with_shaft=False))
+    state = model_selection._begin(leg_dataset(parts), Parameterization(nuisances_of(RIG, known_to, 0.0)), SearchConfig())
+    (term,) = terms_of(catalogue()[found_as])
+    start = model_selection.Start((term,), np.concatenate([state.nothing.x, grid_of(term)[0]]), state.nothing.jacobian)
+    return state.with_fits([model_selection._fit(state.descent, state, start, 5)])
+
+
+def test_an_effect_gives_way_to_one_that_does_the_same_as_a_strained_nuisance(monkeypatch):
+    state = begun_with(present("height_offset", offset_mm=4.0), "tip_mass", KNOWN_TO | {"height_mm": 0.5})
+    monkeypatch.setattr(model_selection, "LARGEST_SET", 1)  # nothing can be added
+    monkeypatch.setattr(type(state), "best", property(lambda self: max(self.fits, key=self.descent.free_log_evidence)))
+    state = replace(state, exchanged=frozenset({frozenset()}))
+    assert state.best.ids == ("tip_mass",) and state.best.farthest > 2.5
+    assert model_selection._exchange(state, terms_of(catalogue()["height_offset"])).best.ids == ("height_offset",)
+
+
+def test_a_fit_with_implausible_nuisances_starts_again_at_their_prior_means(monkeypatch):
+    state = begun_with(HEAVY, "tip_mass", KNOWN_TO)
+    fit, starts = model_selection._fit, []
+    monkeypatch.setattr(model_selection, "_fit", lambda _, here, start, levels: (starts.append(start), fit(_, here, start, levels))[1])
+    model_selection._exchange(state, ())
+    assert not starts
+    far = replace(state.best, x=np.concatenate([[3.8], state.best.x[1:]]))
+    astray = replace(state, fits=(far,))
+    monkeypatch.setattr(type(astray), "best", property(lambda _: far))
+    model_selection._exchange(astray, ())
+    assert [start.x.tolist() for start in starts] == [far.as_believed.tolist()]
+
+
+def test_a_set_that_wins_by_its_last_steps_is_compared_with_its_parts_too(monkeypatch):
+    """As if, after the parts of the best set had been fitted, two effects turned out better than the one that is missing."""
+    learn, nest, nested, pairs = model_selection._learn, model_selection._fit_nested, [], []
+
+    def fit_nested(state):
+        nested.append(state.best.ids)
+        return nest(state)
+
+    def learn_of_a_pair(state, enough, config):
+        state = learn(state, enough, config)
+        if nested and not pairs:
+            (leak,) = terms_of(catalogue()["sensor_crosstalk"])
+            wider = state.best.coordinates.with_terms((*state.best.coordinates.choices, leak))
+            pairs.append(state.descent.at(wider, np.append(state.best.x, 0.1), state.best.jacobian))
+            state.descent._free[pairs[0]] = np.inf
+            state = state.with_fits(pairs)
+        return state
+
+    monkeypatch.setattr(model_selection, "_fit_nested", fit_nested)
+    monkeypatch.setattr(model_selection, "_learn", learn_of_a_pair)
+    monkeypatch.setattr(model_selection.GaussNewton, "converge", lambda _, found: found)
+    search((HEAVY,), ("tip_mass",))
+    assert nested == [("tip_mass",), ("tip_mass", "sensor_crosstalk")]
+
+
 def test_a_nominal_model_that_cannot_be_simulated_is_said_so(monkeypatch):
     monkeypatch.setattr("rfca_rig.diagnosis.inference.map_fit.GaussNewton.at", lambda *_: None)
     with pytest.raises(SimulationFailed, match="decimal point"):

@@ -147,9 +147,11 @@ def search_models(
         progress("three effects", 0.7)
         state = _fit_best(state, _partner_starts(state, 2, beside_nothing, config), config.triples_full)
     progress("weighing", 0.85)
-    state = _learn(_fit_nested(_exchange(state, terms)), 2.0 * GOOD_FIT, config)
-    for size in (1, 2, 3):
-        state = _converge(state, size, config)
+    state = _exchange(state, terms)
+    compared_with_its_parts = state.best.ids
+    state = _converge_all(_learn(_fit_nested(state), 2.0 * GOOD_FIT, config), config)
+    if state.best.ids != compared_with_its_parts:
+        state = _converge_all(_fit_nested(state), config)
     return _result(_refit_nothing(state), coordinates, beside_nominal.probes, effects)
 
 
@@ -293,6 +295,13 @@ def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchStat
     return replace(state.with_fits(found), converged=state.converged.union(found))
 
 
+def _converge_all(state: SearchState, config: SearchConfig) -> SearchState:
+    """The same of every size."""
+    for size in range(1, LARGEST_SET + 1):
+        state = _converge(state, size, config)
+    return state
+
+
 def _is_adequate(state: SearchState) -> bool:
     """Whether the best explanation leaves no more than a good model does, nuisance parameters within what is plausible."""
     judgement = state.descent.evaluate(state.best)
@@ -337,6 +346,9 @@ def _exchange(state: SearchState, terms: Terms) -> SearchState:
     for base, wanted in (pair for parent in parents for pair in _without_each_part(state, parent, terms)):
         ranked = _single_starts(_screen(state, base, [term for term in terms if term.effect.id in wanted]), 1, 0.0)
         starts += {start.terms[-1].effect.id: start for start in reversed(ranked)}.values()
+    # A fit whose nuisance parameters had to leave what is plausible may have ended in another mode than that of their prior means.
+    astray = [fit for fit in parents if fit.farthest > IMPLAUSIBLE and fit.ids]
+    starts += [Start(fit.coordinates.choices, fit.as_believed, fit.jacobian) for fit in astray]
     with ThreadPoolExecutor(THREADS) as pool:
         fits = pool.map(lambda start: _fit(state.descent, state, start, 5), starts)
         found = [fit for fit in fits if fit is not None]
@@ -348,21 +360,24 @@ def _exchange(state: SearchState, terms: Terms) -> SearchState:
 
 
 def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iterator[tuple[MapFit, frozenset[str]]]:
-    """The parent without one of its effects, or with a strained nuisance parameter at its prior mean; and what may take that place."""
+    """The parent without one of its effects, or with a strained nuisance parameter at its prior mean; and what may take that place.
+
+    An effect's place is open to its family, and to the effect that does the same as a strained nuisance parameter.
+    """
     coordinates = parent.coordinates
+    strained = {name: place for place, name in enumerate(coordinates.space.names) if abs(parent.x[place]) > STRAINED}
+    equivalent = {term.effect.id: strained[term.effect.same_as] for term in terms if term.effect.same_as in strained}
     for number, term in enumerate(coordinates.choices):
-        relatives = (related((term.effect.id,)) | {term.effect.id}) - (set(parent.ids) - {term.effect.id})
+        relatives = related((term.effect.id,)) | {term.effect.id} | equivalent.keys()
         base = state.descent.without(parent, number)
         if base is not None:
-            yield base, relatives
+            yield base, relatives - (set(parent.ids) - {term.effect.id})
     if len(coordinates.choices) < LARGEST_SET:
-        for place, name in enumerate(coordinates.space.names):
-            wanted = frozenset(term.effect.id for term in terms if term.effect.same_as == name) - set(parent.ids)
-            if wanted and abs(parent.x[place]) > STRAINED:
-                x = np.where(np.arange(coordinates.size) == place, 0.0, parent.x)
-                base = state.descent.at(coordinates, x, parent.jacobian)
-                if base is not None:
-                    yield base, wanted
+        for place in sorted(set(equivalent.values())):
+            x = np.where(np.arange(coordinates.size) == place, 0.0, parent.x)
+            base = state.descent.at(coordinates, x, parent.jacobian)
+            if base is not None:
+                yield base, frozenset(effect for effect, at in equivalent.items() if at == place) - set(parent.ids)
 
 
 def _fit_nested(state: SearchState) -> SearchState:
