@@ -9,8 +9,10 @@ import pytest
 from rfca_rig.diagnosis.config import AS_GOOD, IMPLAUSIBLE, LAWS_SIZE
 from rfca_rig.diagnosis.decision import decide, sizes
 from rfca_rig.diagnosis.decision.comparison import Comparison, compare
-from rfca_rig.diagnosis.decision.decide import Supported, _best_family, decide_from, support_of_best
+from rfca_rig.diagnosis.decision.decide import Supported, _best_family, _families_of_best, decide_from, support_of_best
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
+from rfca_rig.diagnosis.decision.wording import describe
+from rfca_rig.model.families import members_of
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, found_among, present, recorded
 
 CONDITIONS = [(205.0, 2.0), (215.0, 2.4), (230.0, 3.0), (210.0, 2.2), (222.0, 2.7)]
@@ -166,6 +168,26 @@ def test_a_law_that_holds_is_identified_and_one_that_does_not_mostly(gained, une
     assert [criterion.name for criterion in mostly.criteria if not criterion.passed] == ["held-out misfit"]
 
 
+def test_what_relieves_an_implausible_value_is_stated_though_it_removes_little(gained):
+    """Without the effect, held-out conditions are predicted as well, by a value that nobody would believe."""
+    best = strained(gained.best, 1.0)
+    nothing = {x: _with_rms(strained(gained.nothing, x), best.held_out_rms) for x in (1.0, IMPLAUSIBLE + 0.5)}
+    supported = [Supported("effect", "sensor_gain", 0.85, {}), Supported("family", "sensor_scale", 0.85, {})]
+    silent, stated = (decide_from(_with(Comparison(gained.result, (best, one)), "best", best), supported) for one in nothing.values())
+    assert silent.grade in ("nothing missing", "unexplained")
+    assert stated.grade == "mostly" and stated.explained_share < 0.5
+    assert "takes the place of an implausible value (" in describe(stated) and "+4.0 prior standard deviations" in describe(stated)
+
+
+def test_a_family_of_another_kind_of_rig_is_not_stated(gained):
+    fluid = replace(gained.best, hypothesis=replace(gained.best.hypothesis, ids=("fluid_drag",)))
+    comparison = _with(Comparison(gained.result, (fluid, gained.nothing)), "best", fluid)
+    assert set(_families_of_best(comparison)) == {"air_drag"}
+    tried = [SimpleNamespace(choice=SimpleNamespace(effect=SimpleNamespace(id=name))) for name in members_of("joint_dissipation")]
+    pendulum = _with(Comparison(replace(gained.result, trials=tuple(tried)), (fluid, gained.nothing)), "best", fluid)
+    assert set(_families_of_best(pendulum)) == {"air_drag", "joint_dissipation"}
+
+
 def test_an_effect_that_is_probable_but_not_sure_is_mostly(gained):
     assert graded(gained, 0.85).grade == "mostly"
 
@@ -251,6 +273,6 @@ def _with(comparison, name, value):
 @pytest.mark.parametrize(("of_memory", "expected"), [(0.85, "hinge_dissipation"), (0.9, "spring_memory")])
 def test_of_two_families_that_are_as_probable_the_larger_is_stated(of_memory, expected):
     """Every effect that gives the spring a memory dissipates, too."""
-    comparison = SimpleNamespace(best=SimpleNamespace(ids=("spring_relaxation",)))
+    comparison = SimpleNamespace(best=SimpleNamespace(ids=("spring_relaxation",)), result=SimpleNamespace(trials=()))
     supported = [Supported("family", name, p, {}) for name, p in (("hinge_dissipation", 0.85), ("spring_memory", of_memory))]
     assert _best_family(comparison, supported).id == expected

@@ -10,7 +10,7 @@
 `identified`        every effect has a probability of SURE, the held-out misfit is as small as models usually leave, and no nuisance
                     parameter is implausible
 `mostly`            every stated effect has a probability of STATED, and together they remove DOMINANT of what can be removed of the
-                    held-out misfit
+                    held-out misfit, or a nuisance parameter is implausible without them
 `family`            one family has a probability of STATED, and the best explanation removes as much
 `nothing missing`   nothing is stated, and the model without effects predicts held-out conditions as well as models usually do
 `unexplained`       otherwise
@@ -67,6 +67,8 @@ class Decision:
         That of the statement: the least of its effects, or that of the family; for the other grades that something is, or is not, missing.
     explained_share
         Share of the removable held-out misfit that the explanation removes.
+    relieved
+        The nuisance parameters that are implausible without what is stated, in words; empty where there are none.
     criteria
         What `identified` asks for, with what was found.
     rivals
@@ -82,6 +84,7 @@ class Decision:
     family: StatedFamily | None = None
     probability: float = 1.0
     explained_share: float = 1.0
+    relieved: str = ""
     criteria: tuple[Criterion, ...] = ()
     rivals: tuple[Rival, ...] = ()
     supported: tuple[Supported, ...] = ()
@@ -123,14 +126,14 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     explanation = next((one for one in comparison.ranked if sure and set(one.ids) == sure), None)
     best = at_own_scale(comparison.best)
     family = _best_family(comparison, supported)
-    is_family = family is not None and family.probability >= STATED and comparison.explained_share(comparison.best) >= DOMINANT
+    is_family = family is not None and family.probability >= STATED and _is_dominant(comparison, comparison.best)
     judged = explanation or comparison.best
     criteria = _criteria(judged, [of_effects[name] for name in judged.ids])
     is_exact = all(criterion.passed for criterion in criteria)
     decision = Decision(
         "unexplained", found.nothing, best if best.ids else None, criteria=criteria, rivals=rivals, supported=tuple(supported)
     )
-    if explanation is not None and (is_exact or comparison.explained_share(explanation) >= DOMINANT):
+    if explanation is not None and (is_exact or _is_dominant(comparison, explanation)):
         hypothesis = at_own_scale(explanation)
         effects = tuple(_describe_effect(comparison, hypothesis, number, of_effects[name]) for number, name in enumerate(explanation.ids))
         return replace(
@@ -142,14 +145,33 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             family=family if is_family else None,
             probability=min(effect.probability for effect in effects),
             explained_share=comparison.explained_share(explanation),
+            relieved=_relieved_by(comparison, explanation),
         )
     if family is not None and is_family:
-        share = comparison.explained_share(comparison.best)
-        return replace(decision, grade="family", explanation=best, family=family, probability=family.probability, explained_share=share)
+        return replace(
+            decision,
+            grade="family",
+            explanation=best,
+            family=family,
+            probability=family.probability,
+            explained_share=comparison.explained_share(comparison.best),
+            relieved=_relieved_by(comparison, comparison.best),
+        )
     against_unknown = _probability_against_unknown(found)
     if all(criterion.passed for criterion in _criteria(comparison.nothing, ())) and against_unknown > 0.5:
         return replace(decision, grade="nothing missing", probability=against_unknown)
     return replace(decision, probability=1.0 - next(rival.probability for rival in rivals if not rival.ids))
+
+
+def _relieved_by(comparison: Comparison, one: ScaledHypothesis) -> str:
+    """The implausible values, in words, with which the model without effects predicts as usual; empty where this hypothesis needs some too."""
+    predicts_as_usual = comparison.nothing.misfit <= AS_USUAL and not describe_strain(one.hypothesis)
+    return describe_strain(comparison.nothing.hypothesis) if predicts_as_usual else ""
+
+
+def _is_dominant(comparison: Comparison, one: ScaledHypothesis) -> bool:
+    """Whether a hypothesis explains most of what is missing, or takes the place of an implausible value that explains all of it."""
+    return comparison.explained_share(one) >= DOMINANT or bool(_relieved_by(comparison, one))
 
 
 def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
@@ -171,8 +193,10 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
 
 
 def _families_of_best(comparison: Comparison) -> dict[str, Family]:
-    """The families of the best explanation's effects, by id."""
-    return {family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)}
+    """The families of the best explanation's effects, by id; none of another kind of rig, which has less than half of the members."""
+    known = {family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)}
+    tried = {probe.choice.effect.id for probe in comparison.result.trials}.union(comparison.best.ids)
+    return {name: family for name, family in known.items() if 2 * len(family.members & tried) >= len(family.members)} or known
 
 
 def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Criterion, ...]:
@@ -288,6 +312,7 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
         family=next((one.family for one in each if one.family is not None), None),
         probability=min(one.probability for one in stated) if stated else (nothing if grade == "nothing missing" else 1.0 - nothing),
         explained_share=min((one.explained_share for one in stated), default=1.0),
+        relieved=next((one.relieved for one in stated if one.relieved), ""),
         criteria=tuple(criterion for one in each if one.grade != "nothing missing" for criterion in one.criteria),
         rivals=tuple(sorted(rivals, key=lambda rival: -rival.probability)),
         supported=(*forces.supported, *shaft.supported),

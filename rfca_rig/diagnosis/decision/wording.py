@@ -1,22 +1,25 @@
 """The answer in sentences."""
 
+from rfca_rig.diagnosis.config import DOMINANT
 from rfca_rig.diagnosis.decision.decide import HELD_OUT, Decision
 
 
 def describe(decision: Decision) -> str:
     """What is stated, in one or two sentences."""
     what = " and ".join(f"{effect.left_out} ({effect.id})" for effect in decision.effects)
-    share = f"{100.0 * decision.explained_share:.0f} % of the misfit that can be removed on held-out conditions"
+    explains = f"explains {100.0 * decision.explained_share:.0f} % of the misfit that can be removed on held-out conditions"
+    if decision.explained_share < DOMINANT:
+        explains = f"takes the place of an implausible value ({decision.relieved})"
     if decision.grade == "identified":
         others = sorted({other for effect in decision.effects for other in effect.cannot_tell_from})
         tail = f"; these data cannot tell it from {', '.join(others)}" if others else ""
         return f"The model lacks: {what}{tail}."
     if decision.grade == "mostly":
         is_exact = all(criterion.passed for criterion in decision.criteria if criterion.name == HELD_OUT)
-        return f"Mostly missing: {what}. It explains {share}; {'other causes are possible' if is_exact else 'the law is only approximate'}."
+        return f"Mostly missing: {what}. It {explains}; {'other causes are possible' if is_exact else 'the law is only approximate'}."
     if decision.grade == "family" and decision.family is not None:
         best = " with ".join(decision.explanation.ids)
-        return f"Of the cause only the family is clear: {decision.family.words}. The best law of it, {best}, explains {share}."
+        return f"Of the cause only the family is clear: {decision.family.words}. The best law of it, {best}, {explains}."
     if decision.grade == "not enough data":
         return f"Not enough data for a verdict: {decision.criteria[0].found}."
     if decision.grade == "nothing missing":
