@@ -164,7 +164,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
 
 
 def _relieved_by(comparison: Comparison, one: ScaledHypothesis) -> str:
-    """The implausible values, in words, with which the model without effects predicts as usual; empty where this hypothesis needs some too."""
+    """The implausible values, in words, by which the model without effects predicts as usual; empty where this hypothesis needs some."""
     predicts_as_usual = comparison.nothing.misfit <= AS_USUAL and not describe_strain(one.hypothesis)
     return describe_strain(comparison.nothing.hypothesis) if predicts_as_usual else ""
 
