@@ -171,6 +171,9 @@ def _diagnosed(recordings: "Sequence[Recording]", asked: Asked) -> "Diagnosis":
     write_diagnosis(diagnosis, asked.out, origin_of(asked.command, asked.paths, recordings))
     write_fitted_model(asked.out / "model.toml", diagnosis, recordings[0])
     write_next_protocol(asked.out, diagnosis.next_experiment)
-    if diagnosis.stated_law is not None:
-        write_measured_model(asked.out / "measured-law.toml", diagnosis.stated_law.law, recordings[0])
+    measured = asked.out / "measured-law.toml"
+    if diagnosis.stated_law is None:
+        measured.unlink(missing_ok=True)  # that of an earlier diagnosis
+    else:
+        write_measured_model(measured, diagnosis.stated_law.law, recordings[0])
     return diagnosis

@@ -1,8 +1,13 @@
-"""rfca-rig diagnose --each: what stays, what cannot be diagnosed, and what is refused."""
+"""rfca-rig diagnose and its --each: what stays, what cannot be diagnosed, and what is refused."""
 
 import json
+from dataclasses import replace
+from pathlib import Path
 
 from tests.cli.typed import typed
+from tests.report.test_diagnosis_page import NAMED
+
+CAMPAIGN = Path(__file__).parents[1] / "data" / "small-campaign"
 
 ANSWER = {"format": "rfca-diagnosis/1", "verdict": "named", "effects": [{"id": "tip_mass", "probability": 0.987}]}
 
@@ -33,3 +38,10 @@ def test_one_diagnosis_is_not_shared_out(monkeypatch, capsys, tmp_path):
 def test_a_law_is_measured_of_one_diagnosis(monkeypatch, capsys, tmp_path):
     said = typed(monkeypatch, capsys, "diagnose", tmp_path, "--law", "hinges", "--each")
     assert said.exit_code == 2 and "--law measures the law of one diagnosis; leave out --each and --close-the-loop" in said.err
+
+
+def test_the_measured_law_of_an_earlier_diagnosis_does_not_stay(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr("rfca_rig.diagnosis.diagnose.diagnose", lambda *_: replace(NAMED, found_effects=(), next_experiment=None))
+    (tmp_path / "measured-law.toml").write_text("of an earlier diagnosis")
+    said = typed(monkeypatch, capsys, "diagnose", CAMPAIGN, "--out", tmp_path)
+    assert said.exit_code == 0 and (tmp_path / "diagnosis.json").is_file() and not (tmp_path / "measured-law.toml").exists()
