@@ -243,6 +243,8 @@ def _describe_effect(comparison: Comparison, hypothesis: Hypothesis, number: int
     """One stated effect with its sizes, and those that the data cannot tell it from."""
     one, effect = comparison.scaled(hypothesis), hypothesis.fitted.coordinates.choices[number].effect
     parameters, shape = estimate_sizes(comparison, hypothesis, number)
+    law_error = comparison.law_error(one)
+    off = f"the law is off by about {100.0 * law_error:.0f} % of what it explains"
     return NamedEffect(
         id=effect.id,
         left_out=effect.left_out,
@@ -250,7 +252,7 @@ def _describe_effect(comparison: Comparison, hypothesis: Hypothesis, number: int
         parameters=parameters,
         shape=shape,
         cannot_tell_from=tuple(sorted({*supported.cannot_tell_from, *_family_rivals(comparison, one, effect.id)})),
-        wording=f"the law is off by about {100.0 * comparison.law_error(one):.0f} % of what it explains",
+        wording=off if law_error < 1.0 else "these data do not tell how well the law holds",
     )
 
 
