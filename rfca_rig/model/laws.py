@@ -67,10 +67,10 @@ def _compile_call(call: Law, law: Law) -> int:
     The compiler's cache tells functions apart by name and line of `call`, which all laws share. So each law has a folder of its own.
     """
     function = FunctionType(call.__code__, {"__name__": __name__, "law": numba.njit(law, error_model="numpy")}, call.__name__)
-    if law.__module__.startswith(__package__):
+    if law.__module__.startswith(__package__) and law.__closure__ is None:
         with caching_in(str(Path(CACHE_FOLDER) / "laws" / _key_of(law))):
             compiled = numba.cfunc(_SIGNATURE, cache=True)(function)
-    else:  # another law, as a lab's own, may call code of any file, and none of it may be run stale
+    else:  # another law, as a lab's own, may depend on any file or value, and no stale code may run
         compiled = numba.cfunc(_SIGNATURE)(function)
     _KEPT.append(compiled)
     return int(cast(int, compiled.address))
