@@ -230,13 +230,14 @@ def test_an_explanation_with_an_implausible_value_is_not_identified(gained):
     [
         (0.5, 1.0, -1e6, "nothing missing"),
         (2.0, 1.0, -1e6, "unexplained"),  # held-out conditions are predicted badly
+        ((0.5, 0.5, 0.5, 0.5, 4.0), 1.0, -1e6, "unexplained"),  # one of them is
         (0.5, IMPLAUSIBLE + 0.5, -1e6, "unexplained"),
         (0.5, 1.0, 1e6, "unexplained"),  # a large model error is more probable
     ],
 )
 def test_when_a_model_without_effects_lacks_nothing(gained, rms, strain, log_evidence_of_unknown, grade):
     result = replace(gained.result, unknown=replace(gained.result.unknown, log_evidence=log_evidence_of_unknown))
-    ranked = tuple(_with_rms(strained(one, strain), np.full(5, rms)) for one in gained.ranked)
+    ranked = tuple(_with_rms(strained(one, strain), np.zeros(5) + rms) for one in gained.ranked)
     assert graded(Comparison(result, ranked), 0.5).grade == grade
 
 

@@ -66,6 +66,11 @@ class ScaledHypothesis:
         return float(np.median(self.held_out_rms))
 
     @property
+    def misfit_of_all(self) -> float:
+        """The root mean square over conditions of `held_out_rms`, in which a few conditions that are predicted badly count."""
+        return float(np.sqrt(np.mean(self.held_out_rms**2)))
+
+    @property
     def ids(self) -> tuple[str, ...]:
         """The ids of its effects."""
         return self.hypothesis.ids

@@ -12,7 +12,7 @@
 `mostly`            every stated effect has a probability of STATED, and together they remove DOMINANT of what can be removed of the
                     held-out misfit, or a nuisance parameter is implausible without them
 `family`            one family has a probability of STATED, and the best explanation removes as much
-`nothing missing`   nothing is stated, and the model without effects predicts held-out conditions as well as models usually do
+`nothing missing`   nothing is stated, and the model without effects predicts all held-out conditions as well as models usually do
 `unexplained`       otherwise
 ==================  ================================================================================================================
 """
@@ -200,13 +200,17 @@ def _families_of_best(comparison: Comparison) -> dict[str, Family]:
 
 
 def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Criterion, ...]:
-    """What a hypothesis must meet to be identified; the one without effects, to lack nothing."""
+    """What a hypothesis must meet to be identified; the one without effects, to lack nothing.
+
+    A law may fail in a few conditions, as where a stop is reached. Where nothing is missing, no condition is predicted badly.
+    """
+    misfit = one.misfit if one.ids else one.misfit_of_all
     least = min((effect.probability for effect in supported), default=1.0)
     strained = describe_strain(one.hypothesis)
     probable = Criterion("probability", least >= SURE, f"{least:.3f} that every effect is there, {SURE:g} needed")
     return (
         *((probable,) if supported else ()),
-        Criterion(HELD_OUT, one.misfit <= AS_USUAL, f"{one.misfit:.2f} of what noise and a usual model error make, {AS_USUAL:g} at most"),
+        Criterion(HELD_OUT, misfit <= AS_USUAL, f"{misfit:.2f} of what noise and a usual model error make, {AS_USUAL:g} at most"),
         Criterion("plausible values", not strained, strained or "all nuisance parameters are near their priors"),
     )
 
