@@ -30,6 +30,7 @@ from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import OF_PENDULUMS, Effect
+from rfca_rig.model.families import members_of
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.protocol.plan import Limits
@@ -39,7 +40,6 @@ from rfca_rig.recording.identity import identity_of
 Floats = NDArray[np.float64]
 
 SEEN_ON_THE_SHAFT = ("motor_speed_droop", "motor_speed_ripple")
-SOFT_DRIVES = ("motor_speed_droop", "shaft_compliance")
 # A twist between motor and leg shows in the recorded angle where the encoder is on the leg's side, in the forces alone where it is not.
 DRIVE_EFFECTS = (*SEEN_ON_THE_SHAFT, "shaft_compliance")
 
@@ -183,7 +183,7 @@ def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence
         )
 
     found = search(False)
-    soft = [hypothesis.fitted for hypothesis in found.named if set(hypothesis.ids) & set(SOFT_DRIVES)]
+    soft = [hypothesis.fitted for hypothesis in found.named if members_of("drive_yields").intersection(hypothesis.ids)]
     if not soft:
         return found
     descent = GaussNewton(evidence, found.judge)

@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from rfca_rig.diagnosis.config import DOMINANT, MOST_RIVALS, MOVED, PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN
+from rfca_rig.diagnosis.config import MOST_RIVALS, MOVED, PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
 from rfca_rig.diagnosis.decision.wording import describe, describe_refusal
@@ -37,8 +37,6 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
     used = explanation if decision.effects or not explanation.ids else found.nothing
     cells, places = locate_mismatch(found.evidence.rows, found.believed, found.judge)
     is_open = decision.grade in ("mostly", "family", "unexplained")
-    # what takes the place of an implausible value removes no more misfit than that did
-    has_share = not (decision.relieved and decision.explained_share < DOMINANT)
     is_stated = decision.grade in ("identified", "mostly", "family")
     return Diagnosis(
         title=title,
@@ -64,7 +62,8 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         grade=decision.grade,
         probability=None if decision.grade == "not enough data" else decision.probability,
         family=decision.family,
-        explained_share=decision.explained_share if is_stated and has_share else None,
+        # what takes the place of an implausible value removes no more misfit than that did
+        explained_share=decision.explained_share if is_stated and not decision.relieved else None,
         remaining=_remaining(found, explanation) if is_open else (),
         moved_priors=moved_priors(explanation),
         support=tuple(asdict(one) for one in decision.supported),

@@ -68,7 +68,7 @@ class Decision:
     explained_share
         Share of the removable held-out misfit that the explanation removes.
     relieved
-        The nuisance parameters that are implausible without what is stated, in words; empty where there are none.
+        The implausible nuisance parameters whose place the explanation takes, in words; empty where its share speaks for it.
     criteria
         What `identified` asks for, with what was found.
     rivals
@@ -164,9 +164,12 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
 
 
 def _relieved_by(comparison: Comparison, one: ScaledHypothesis) -> str:
-    """The implausible values, in words, by which the model without effects predicts as usual; empty where this hypothesis needs some."""
-    predicts_as_usual = comparison.nothing.misfit <= AS_USUAL and not describe_strain(one.hypothesis)
-    return describe_strain(comparison.nothing.hypothesis) if predicts_as_usual else ""
+    """The implausible values, in words, whose place a hypothesis takes that explains less than DOMINANT; empty where there are none.
+
+    With them, the model without effects predicts as usual, and the hypothesis needs none.
+    """
+    is_needed = comparison.explained_share(one) < DOMINANT and comparison.nothing.misfit <= AS_USUAL
+    return describe_strain(comparison.nothing.hypothesis) if is_needed and not describe_strain(one.hypothesis) else ""
 
 
 def _is_dominant(comparison: Comparison, one: ScaledHypothesis) -> bool:

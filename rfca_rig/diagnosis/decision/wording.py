@@ -1,6 +1,5 @@
 """The answer in sentences."""
 
-from rfca_rig.diagnosis.config import DOMINANT
 from rfca_rig.diagnosis.decision.decide import HELD_OUT, Decision
 
 
@@ -8,7 +7,7 @@ def describe(decision: Decision) -> str:
     """What is stated, in one or two sentences."""
     what = " and ".join(f"{effect.left_out} ({effect.id})" for effect in decision.effects)
     explains = f"explains {100.0 * decision.explained_share:.0f} % of the misfit that can be removed on held-out conditions"
-    if decision.explained_share < DOMINANT:
+    if decision.relieved:
         explains = f"takes the place of an implausible value ({decision.relieved})"
     if decision.grade == "identified":
         others = sorted({other for effect in decision.effects for other in effect.cannot_tell_from})

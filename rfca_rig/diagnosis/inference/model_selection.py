@@ -374,10 +374,11 @@ def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iter
             yield base, relatives - (set(parent.ids) - {term.effect.id})
     if len(coordinates.choices) < LARGEST_SET:
         for place in sorted(set(equivalent.values())):
+            wanted = frozenset(effect for effect, at in equivalent.items() if at == place) - set(parent.ids)
             x = np.where(np.arange(coordinates.size) == place, 0.0, parent.x)
-            base = state.descent.at(coordinates, x, parent.jacobian)
+            base = state.descent.at(coordinates, x, parent.jacobian) if wanted else None
             if base is not None:
-                yield base, frozenset(effect for effect, at in equivalent.items() if at == place) - set(parent.ids)
+                yield base, wanted
 
 
 def _fit_nested(state: SearchState) -> SearchState:
