@@ -17,6 +17,9 @@ SHARED = 0.5  # correlation of the discrepancy between conditions
 FLOOR = 1e-3  # share of the discrepancy's variance that is not smooth
 PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO, PRIOR_THREE = 0.5, 0.1, 0.3, 0.1, 0.02  # probabilities
 
+FEWEST_CONDITIONS = 3  # for a verdict: with two, one is held out and one is left
+WIDE_STEP = 0.3  # prior deviations: a difference that averages over the roughness of contact
+
 # Parameters
 
 FARTHEST = 4.0  # prior deviations: the optimiser goes no farther
@@ -30,16 +33,14 @@ NARROWEST, WIDEST = 0.03, 0.7  # prior deviations: limits of a difference
 SLOPES_ERR = 0.3  # share of its size by which a slope errs after some steps
 ROUGH = 1.0  # deviations of all rows together by which the model jumps from one place to the next
 ROUNDS, LEVELS, POLISHED = 8, 5, 4  # steps at one discrepancy scale, scales, and rounds with fresh Jacobians, at most
-SHORTER, SHORTEST = 0.4, 0.02  # share of the way after a step that did not help; the last that is tried
+SHORTER = 0.4  # share of the way after a step that did not help
 CONVERGED = 0.5  # log posterior density, about how rough the model is
 GOOD_ENOUGH = 0.02  # log posterior density: a step that gains less is the last
 ALIKE = 0.995  # cosine, in units of noise, from which two columns of the Jacobian are the same
 
-# Screening: grids in coordinates of the prior
+# Screening
 
-ALONE = (-1.4, -0.5, 0.5, 1.4)  # of an effect with one size
-TOGETHER, OF_THREE = (-1.1, 0.0, 1.1), (-1.0, 0.8)  # of each size of an effect with two, and with three
-SIGNED_SHARES = (-0.6, -0.15, 0.15, 0.6)  # share of the range to both sides, of a size that may have either sign
+GRID_POINTS = 4  # of an effect with one size, equally probable a priori; each further size takes one point from every axis
 RESCALED = 3.0  # a signature may be this much too small and still be a start: its shape decides
 
 # Search

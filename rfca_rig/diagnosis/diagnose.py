@@ -64,8 +64,13 @@ class PreparedData:
 
 @dataclass(frozen=True)
 class Findings:
-    """What was found in the forces, and in the shaft's own motion where it was recorded and is not as commanded."""
+    """What was found in the forces, and in the shaft's own motion where it was recorded and is not as commanded.
 
+    `effects` were looked for in the forces, `drive_effects` in the shaft's motion.
+    """
+
+    effects: Sequence[Effect]
+    drive_effects: Sequence[Effect]
     leg: ModelSelectionResult
     leg_decision: Decision
     drive: ModelSelectionResult | None
@@ -85,23 +90,26 @@ def diagnose(
     if law_at:
         check_place(law_at, OF_LEG)
     progress("reading", 0.0)
-    body, tables = _body(recordings)
-    evidence = leg_dataset([*body.flaps, *tables], body.as_commanded)
-    effects, of_drive = (
-        select_candidates(_candidates(body), without),
-        select_candidates(map(catalogue().__getitem__, DRIVE_EFFECTS), without),
-    )
-    leg = search_models(evidence, body.coordinates, effects, progress)
-    drive = drive_found(body, leg, of_drive, progress) if not body.as_commanded else None
-    verdicts = Findings(leg, decide(leg), drive, None if drive is None else decide(drive))
+    body, findings = find_omissions(recordings, progress, without)
     progress("summing up", 0.97)
-    found = build_leg_result(body, verdicts, effects, limits)
-    if drive is None and body.shafts:
-        found = replace(found, not_seen=(*found.not_seen, *excluded_by_tracking(body.shafts, body.rig, of_drive)))
+    found = build_leg_result(body, findings, limits)
+    if findings.drive is None and body.shafts:
+        found = replace(found, not_seen=(*found.not_seen, *excluded_by_tracking(body.shafts, body.rig, findings.drive_effects)))
     if law_at:
         progress(f"measuring the law at {law_at}", 0.98)
-        found = replace(found, stated_law=measure_stated_law(leg, verdicts.leg_decision.explanation, law_at))
+        found = replace(found, stated_law=measure_stated_law(findings.leg, findings.leg_decision.explanation, law_at))
     return replace(found, recordings=tuple(map(_named, recordings)), remarks=(*found.remarks, *describe_exclusions(without)))
+
+
+def find_omissions(recordings: Sequence[Recording], progress: Progress, without: Collection[str] = ()) -> tuple[PreparedData, Findings]:
+    """The searches and their decisions, before anything is worded, located or proposed. Parameters and errors as in `diagnose`."""
+    body, tables = _body(recordings)
+    dataset = leg_dataset([*body.flaps, *tables], body.as_commanded)
+    effects = select_candidates(_candidates(body), without)
+    of_drive = select_candidates(map(catalogue().__getitem__, DRIVE_EFFECTS), without)
+    leg = search_models(dataset, body.coordinates, effects, progress)
+    drive = drive_found(body, leg, of_drive, progress) if not body.as_commanded else None
+    return body, Findings(effects, of_drive, leg, decide(leg), drive, None if drive is None else decide(drive))
 
 
 @algebra_on_one_thread()
@@ -172,11 +180,11 @@ def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence
     stiff = [h for h in leg.named if all(choice.effect.where != "drive" for choice in h.fitted.coordinates.choices)]
     best = max((leg.nothing, *stiff), key=lambda hypothesis: hypothesis.log_joint)
     supposed = best.fitted.coordinates.supposed(best.fitted.x)
-    evidence = leg_dataset(body.shafts)
+    dataset = leg_dataset(body.shafts)
 
     def search(holds_start: bool) -> ModelSelectionResult:
         return search_models(
-            evidence,
+            dataset,
             Parameterization(_space_of_drive(supposed, holds_start)),
             effects,
             lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share),
@@ -186,10 +194,10 @@ def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence
     soft = [hypothesis.fitted for hypothesis in found.named if members_of("drive_yields").intersection(hypothesis.ids)]
     if not soft:
         return found
-    descent = GaussNewton(evidence, found.judge)
+    optimizer = GaussNewton(dataset, found.likelihood)
     held = replace(soft[0].coordinates, space=_space_of_drive(supposed, True))
-    other = descent.at(held, soft[0].x, soft[0].jacobian)
-    suits = other is not None and descent.log_evidence(descent.refine(other)) > descent.log_evidence(soft[0])
+    other = optimizer.at(held, soft[0].x, soft[0].jacobian)
+    suits = other is not None and optimizer.log_evidence(optimizer.refine(other)) > optimizer.log_evidence(soft[0])
     return search(True) if suits else found
 
 

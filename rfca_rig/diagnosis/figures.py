@@ -15,23 +15,23 @@ Floats = NDArray[np.float64]
 
 def before_and_after(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> Mapping[str, BeforeAfter]:
     """Rms residuals of the nominal and of the accepted model, per signal, and what noise and scatter leave of them."""
-    measured = found.evidence.rows.measured
-    return _by_signal(found, "rms", measured - found.believed.predicted, measured - accepted.rows, experiment)
+    measured = found.dataset.rows.measured
+    return _by_signal(found, "rms", measured - found.nominal.predicted, measured - accepted.rows, experiment)
 
 
 def held_out(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> Mapping[str, BeforeAfter]:
     """The same on held-out conditions, all unknowns fitted to the others; each hypothesis at the discrepancy scale that suits it."""
-    rows = found.evidence.rows
+    rows = found.dataset.rows
     conditions = sorted({int(c) for c in rows.condition[rows.experiment == experiment]})
     if len(conditions) < 2:
         return {}
     linears = [hypothesis.fitted.linear(rows.measured) for hypothesis in (found.nothing, accepted)]
-    before, after = (loo_residuals(linear, found.judge.level(linear), rows.condition, conditions) for linear in linears)
+    before, after = (loo_residuals(linear, found.likelihood.level(linear), rows.condition, conditions) for linear in linears)
     return _by_signal(found, "held_out_rms", before, after, experiment)
 
 
 def _by_signal(found: ModelSelectionResult, name: str, before: Floats, after: Floats, experiment: str) -> dict[str, BeforeAfter]:
-    rows = found.evidence.rows
+    rows = found.dataset.rows
     floor = np.sqrt(rows.noise**2 + (found.scatter.columns**2).sum(axis=1))
     of_signal = {str(signal): (rows.signal == signal) & (rows.experiment == experiment) for signal in np.unique(rows.signal)}
     return {f"{name}_{s}": BeforeAfter(rms(before[h]), rms(after[h]), rms(floor[h])) for s, h in of_signal.items() if h.any()}
@@ -39,7 +39,7 @@ def _by_signal(found: ModelSelectionResult, name: str, before: Floats, after: Fl
 
 def overlays(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> tuple[Overlay, ...]:
     """Measured means with both models, condition by condition and signal by signal."""
-    rows, columns = found.evidence.rows, (found.evidence.rows.measured, found.believed.predicted, accepted.rows)
+    rows, columns = found.dataset.rows, (found.dataset.rows.measured, found.nominal.predicted, accepted.rows)
     return tuple(
         Overlay(label.condition, label.signal, rows.t_s[here], *(column[here] for column in columns))
         for number, label in enumerate(rows.labels)

@@ -68,7 +68,7 @@ def write_measured_model(path: Path, law: MeasuredLaw, recording: Recording) -> 
     RigError
         Where the disk refuses.
     """
-    supposed = law.hypothesis.fitted.coordinates.supposed(law.hypothesis.judgement.posterior.mean)
+    supposed = law.hypothesis.fitted.coordinates.supposed(law.hypothesis.marginal.posterior.mean)
     base = replace(supposed.rig, effects=supposed.rig.effects[:-1])
     std = {f"the value at {knot:.4g}": float(value) for knot, value in zip(law.knots, law.std, strict=True)}
     comments = [

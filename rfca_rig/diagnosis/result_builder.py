@@ -35,7 +35,7 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
     explanation = decision.explanation
     # no effect is added to the model while only its family is clear
     used = explanation if decision.effects or not explanation.ids else found.nothing
-    cells, places = locate_mismatch(found.evidence.rows, found.believed, found.judge)
+    cells, places = locate_mismatch(found.dataset.rows, found.nominal, found.likelihood)
     is_open = decision.grade in ("mostly", "family", "unexplained")
     is_stated = decision.grade in ("identified", "mostly", "family")
     return Diagnosis(
@@ -58,7 +58,7 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         overlays=overlays(found, explanation, experiment),
         settings=_settings(found, effects),
         found_effects=present_effects(used),
-        found_rig=used.fitted.coordinates.supposed(used.judgement.posterior.mean).rig,
+        found_rig=used.fitted.coordinates.supposed(used.marginal.posterior.mean).rig,
         grade=decision.grade,
         probability=None if decision.grade == "not enough data" else decision.probability,
         family=decision.family,
@@ -77,13 +77,13 @@ def not_enough_data(found: ModelSelectionResult, why: str) -> Decision:
 
 def present_effects(hypothesis: Hypothesis) -> tuple[PresentEffect, ...]:
     """The effects of a hypothesis with the values found."""
-    coordinates, mean = hypothesis.fitted.coordinates, hypothesis.judgement.posterior.mean
+    coordinates, mean = hypothesis.fitted.coordinates, hypothesis.marginal.posterior.mean
     return tuple(choice.present(mean[coordinates.part(number)]) for number, choice in enumerate(coordinates.choices))
 
 
 def _remaining(found: ModelSelectionResult, explanation: Hypothesis) -> tuple[Located, ...]:
     """Where recordings and explanation still differ, worst first."""
-    return locate_mismatch(found.evidence.rows, replace(explanation.fitted, predicted=explanation.rows), found.judge)[1]
+    return locate_mismatch(found.dataset.rows, replace(explanation.fitted, predicted=explanation.rows), found.likelihood)[1]
 
 
 def _not_seen(
@@ -94,15 +94,15 @@ def _not_seen(
     What remains unexplained could hide an effect: it counts as discrepancy, the usual one at least.
     """
     fit, rows = explanation.fitted, found.in_coarse
-    fitted, measured = replace(fit, predicted=fit.predicted[rows], jacobian=fit.jacobian[rows]), found.evidence.rows.measured[rows]
+    fitted, measured = replace(fit, predicted=fit.predicted[rows], jacobian=fit.jacobian[rows]), found.dataset.rows.measured[rows]
     projection = projection_of(fitted, measured, found.coarse.level(fitted.linear(measured)))
     others = [effect for effect in effects if effect.id not in suspects]
-    return find_detection_limits(others, found.trials, projection, found.believed.coordinates.space.centre.rig)
+    return find_detection_limits(others, found.probes, projection, found.nominal.coordinates.space.centre.rig)
 
 
 def moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
     """The nuisance parameters that had to move by more than MOVED prior standard deviations, farthest first."""
-    space, posterior = hypothesis.fitted.coordinates.space, hypothesis.judgement.posterior
+    space, posterior = hypothesis.fitted.coordinates.space, hypothesis.marginal.posterior
     centres, stds, values = space.centres, space.prior_std, nuisance_values(hypothesis)
     found = [
         MovedPrior(p.name, p.unit, Value(float(centre), float(std)), values[p.name], float(z))
@@ -114,7 +114,7 @@ def moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
 
 def nuisance_values(hypothesis: Hypothesis) -> Mapping[str, Value]:
     """The nuisance parameters in their units, with standard deviations."""
-    space, posterior = hypothesis.fitted.coordinates.space, hypothesis.judgement.posterior
+    space, posterior = hypothesis.fitted.coordinates.space, hypothesis.marginal.posterior
     x = posterior.mean[: len(space.std)]
     std = space.std_in_units(x, np.sqrt(np.diag(posterior.covariance))[: len(space.std)])
     return {name: Value(float(v), float(s)) for name, v, s in zip(space.names, space.values(x), std, strict=True)}
@@ -123,9 +123,9 @@ def nuisance_values(hypothesis: Hypothesis) -> Mapping[str, Value]:
 def _settings(found: ModelSelectionResult, effects: Sequence[Effect]) -> Mapping[str, object]:
     return {
         "model_error_assumed": "half-normal, 1 % of the signal",
-        "model_error_found": float(found.nothing.judgement.error),
-        "conditions": len(found.evidence.parts),
-        "rows": len(found.evidence.rows.measured),
+        "model_error_found": float(found.nothing.marginal.error),
+        "conditions": len(found.dataset.parts),
+        "rows": len(found.dataset.rows.measured),
         "effects_tried": [effect.id for effect in effects],
         "prior": {"nothing missing": PRIOR_NOTHING, "unknown": PRIOR_UNKNOWN, "one effect": PRIOR_ONE, "two effects": PRIOR_TWO},
     }

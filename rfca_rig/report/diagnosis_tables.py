@@ -10,7 +10,7 @@ from rfca_rig.report.table import Column, Row, Table, places
 from rfca_rig.report.table import Value as Shown
 
 MOST_PLACES = 4
-ALL_DATA, FORETOLD = "all data", "foretold from the others"
+ALL_DATA, HELD_OUT = "all data", "predicted from the others"
 
 PARAMETERS = (
     Column("effect", "Effect"),
@@ -57,7 +57,7 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
     rows = [_row("signals", name, diagnosis.fit.get(name), diagnosis.held_out.get(f"held_out_{name}")) for name in names]
     rows += [_row("Table II", name, each) for name, each in diagnosis.valley.items()]
     held_out = (
-        (Column("held_out_before", "before", over=FORETOLD), Column("held_out_after", "after", over=FORETOLD)) if diagnosis.held_out else ()
+        (Column("held_out_before", "before", over=HELD_OUT), Column("held_out_after", "after", over=HELD_OUT)) if diagnosis.held_out else ()
     )
     columns = (
         Column("of", role="group"),
@@ -72,8 +72,8 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
         "Measured less simulated, means over the repeats of each condition, rms over all of them. Before: the model as it was believed; "
         "after: the model that this diagnosis arrives at."
     )
-    foretold = " Foretold: each condition left out in turn and computed from a fit to the others."
-    return Table("before-after", caption + (foretold if diagnosis.held_out else ""), columns, tuple(rows))
+    note = " Predicted: each condition left out in turn and computed from a fit to the others."
+    return Table("before-after", caption + (note if diagnosis.held_out else ""), columns, tuple(rows))
 
 
 def _row(of: str, name: str, fit: BeforeAfter | None, held_out: BeforeAfter | None = None) -> Row:

@@ -67,9 +67,9 @@ def _figures(diagnosis: Diagnosis) -> Iterable[str]:
     for name, fit in list(diagnosis.fit.items())[:FIGURES]:
         words, unit = words_and_unit(name)
         held_out = diagnosis.held_out.get(f"held_out_{name}")
-        foretold = f"; held out {_change(held_out)}" if held_out else ""
+        held_out_text = f"; held out {_change(held_out)}" if held_out else ""
         floor = "" if fit.noise_floor is None else f" (noise {significant(fit.noise_floor, 2)})"
-        yield f"{words}: {_change(fit)} {unit}{floor}{foretold}"
+        yield f"{words}: {_change(fit)} {unit}{floor}{held_out_text}"
     if diagnosis.valley:
         yield ", ".join(f"{words_and_unit(name)[0]} {_change(each)} %" for name, each in diagnosis.valley.items())
 

@@ -66,41 +66,41 @@ def present(effect: str, **values: float) -> PresentEffect:
 
 def found_among(parts, rivals: Sequence[str], known_to=KNOWN_TO, rig: RigModel = RIG) -> ModelSelectionResult:
     """What a search over these effects alone would leave, "" for nothing missing, all equally likely before."""
-    evidence, coordinates = leg_dataset(parts), Parameterization(nuisances_of(rig, known_to, 0.0))
-    judge = make_marginal_likelihood(evidence.rows, np.empty((len(evidence.rows.measured), 0)))
-    descent = GaussNewton(evidence, judge)
-    base = descent.at(coordinates, np.zeros(coordinates.size))
+    dataset, coordinates = leg_dataset(parts), Parameterization(nuisances_of(rig, known_to, 0.0))
+    likelihood = make_marginal_likelihood(dataset.rows, np.empty((len(dataset.rows.measured), 0)))
+    optimizer = GaussNewton(dataset, likelihood)
+    base = optimizer.at(coordinates, np.zeros(coordinates.size))
     assert base is not None
-    base = descent.converge(descent.refine(base))
-    named = [_hypothesis(descent, base, name) for name in rivals if name]
-    nothing = Hypothesis((), base, judge.evaluate(base.linear(evidence.rows.measured)), 0.0)
+    base = optimizer.converge(optimizer.refine(base))
+    named = [_hypothesis(optimizer, base, name) for name in rivals if name]
+    nothing = Hypothesis((), base, likelihood.evaluate(base.linear(dataset.rows.measured)), 0.0)
     ranked = tuple(sorted(named, key=lambda h: -h.log_joint))
-    unknown = judge.evaluate_unknown(base.linear(evidence.rows.measured))
+    unknown = likelihood.evaluate_unknown(base.linear(dataset.rows.measured))
     return ModelSelectionResult(
-        believed=base,
+        nominal=base,
         nothing=nothing,
         unknown=unknown,
         named=ranked,
-        trials=(),
-        coarse=judge,
-        in_coarse=np.ones(len(evidence.rows.measured), dtype=bool),
-        scatter=Scatter(STD, np.empty((len(evidence.rows.measured), 0))),
-        judge=judge,
-        evidence=evidence,
+        probes=(),
+        coarse=likelihood,
+        in_coarse=np.ones(len(dataset.rows.measured), dtype=bool),
+        scatter=Scatter(STD, np.empty((len(dataset.rows.measured), 0))),
+        likelihood=likelihood,
+        dataset=dataset,
     )
 
 
-def _hypothesis(descent: GaussNewton, base, name: str) -> Hypothesis:
+def _hypothesis(optimizer: GaussNewton, base, name: str) -> Hypothesis:
     choice = EffectTerm(catalogue()[name])
     wider = base.coordinates.with_terms((choice,))
     ends = []
     for z in (-0.8, 0.3):
-        start = descent.at(wider, np.append(base.x, np.full(len(choice.free), z)), base.jacobian)
+        start = optimizer.at(wider, np.append(base.x, np.full(len(choice.free), z)), base.jacobian)
         if start is not None:
-            ends.append(descent.converge(descent.refine(start)))
-    evaluate = [(descent.judge.evaluate(end.linear(descent.evidence.rows.measured)), end) for end in ends]
-    judgement, best = max(evaluate, key=lambda pair: pair[0].log_evidence)
-    return Hypothesis((name,), best, judgement, 0.0)
+            ends.append(optimizer.converge(optimizer.refine(start)))
+    evaluate = [(optimizer.likelihood.evaluate(end.linear(optimizer.dataset.rows.measured)), end) for end in ends]
+    marginal, best = max(evaluate, key=lambda pair: pair[0].log_evidence)
+    return Hypothesis((name,), best, marginal, 0.0)
 
 
 def named(found: ModelSelectionResult, *others: str) -> Decision:
@@ -125,7 +125,7 @@ def body_of(flaps, found: ModelSelectionResult, shafts=()) -> PreparedData:
 def verdicts_of(
     leg: ModelSelectionResult, decision: Decision, drive: ModelSelectionResult | None = None, drive_decision: Decision | None = None
 ) -> Findings:
-    return Findings(leg, decision, drive, drive_decision)
+    return Findings((), (), leg, decision, drive, drive_decision)
 
 
 def read_at_rest(supposed: Supposed, moves: StageMoves, turned_deg: Sequence[float]) -> list[StaticStage]:

@@ -66,10 +66,10 @@ def test_a_law_that_does_not_hold_explains_less_and_leaves_misfit(uneven, gained
 
 def test_a_size_that_differs_between_conditions_scatters(gained):
     """As if the effect were larger by 30 % in one half of the conditions, and smaller in the other."""
-    rows = gained.result.evidence.rows
+    rows = gained.result.dataset.rows
     share = np.array([0.3, -0.3, 0.3, -0.3, 0.0])[rows.condition]
     other = replace(rows, measured=rows.measured + share * gained._signatures[0])
-    found = Comparison(replace(gained.result, evidence=replace(gained.result.evidence, rows=other)), gained.ranked)
+    found = Comparison(replace(gained.result, dataset=replace(gained.result.dataset, rows=other)), gained.ranked)
     assert 0.15 < found.condition_scatter(0) < 0.35
     assert gained.condition_scatter(0) < 0.05
 
@@ -136,7 +136,7 @@ def test_intervals_widen_with_what_the_law_leaves(uneven, gained):
 def test_two_estimates_of_one_deviation_are_not_added(gained, monkeypatch):
     """With a jackknife as wide as the posterior, and a law that leaves nothing, an interval is as wide as either."""
     hypothesis = gained.best.hypothesis
-    posterior_std = np.sqrt(np.diag(hypothesis.judgement.posterior.covariance))
+    posterior_std = np.sqrt(np.diag(hypothesis.marginal.posterior.covariance))
     monkeypatch.setattr(sizes, "LAWS_SIZE", 0.0)
     monkeypatch.setattr(sizes, "LAW_SHARE", 0.0)
     std = []
@@ -185,7 +185,7 @@ def test_a_family_of_another_kind_of_rig_is_not_stated(gained):
     comparison = _with(Comparison(gained.result, (fluid, gained.nothing)), "best", fluid)
     assert set(_families_of_best(comparison)) == {"air_drag"}
     tried = [SimpleNamespace(choice=SimpleNamespace(effect=SimpleNamespace(id=name))) for name in members_of("joint_dissipation")]
-    pendulum = _with(Comparison(replace(gained.result, trials=tuple(tried)), (fluid, gained.nothing)), "best", fluid)
+    pendulum = _with(Comparison(replace(gained.result, probes=tuple(tried)), (fluid, gained.nothing)), "best", fluid)
     assert set(_families_of_best(pendulum)) == {"air_drag", "joint_dissipation"}
 
 
@@ -258,7 +258,7 @@ def test_effects_that_explain_the_data_as_well_form_a_class(gained):
 def test_effects_that_only_a_model_better_than_usual_tells_apart_form_a_class(gained):
     """Crosstalk as good as the gain at the usual model error, and far behind at smaller ones."""
     crosstalk = next(one for one in gained.ranked if one.ids == ("sensor_crosstalk",))
-    scales = np.array([whitening.s for whitening in gained.result.judge.every_scale])
+    scales = np.array([whitening.s for whitening in gained.result.likelihood.every_scale])
     behind = np.where(scales < 0.01, 50.0, 1.0)
     alike = replace(crosstalk, log_joint=gained.best.log_joint - 50.0, log_evidence=gained.best.log_evidence - behind)
     others = [one for one in gained.ranked if one not in (crosstalk, gained.best)]
@@ -275,6 +275,6 @@ def _with(comparison, name, value):
 @pytest.mark.parametrize(("of_memory", "expected"), [(0.85, "hinge_dissipation"), (0.9, "spring_memory")])
 def test_of_two_families_that_are_as_probable_the_larger_is_stated(of_memory, expected):
     """Every effect that gives the spring a memory dissipates, too."""
-    comparison = SimpleNamespace(best=SimpleNamespace(ids=("spring_relaxation",)), result=SimpleNamespace(trials=()))
+    comparison = SimpleNamespace(best=SimpleNamespace(ids=("spring_relaxation",)), result=SimpleNamespace(probes=()))
     supported = [Supported("family", name, p, {}) for name, p in (("hinge_dissipation", 0.85), ("spring_memory", of_memory))]
     assert _best_family(comparison, supported).id == expected

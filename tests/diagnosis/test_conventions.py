@@ -23,13 +23,13 @@ def hypothesis():
     return coordinates, np.append(np.zeros(coordinates.nuisances), 0.3)
 
 
-def inferred(evidence, hypothesis, stopped_as_told=True):
+def inferred(dataset, hypothesis, stopped_as_told=True):
     coordinates, x = hypothesis
-    return evidence.with_parts(LegSimulator(stopped_as_told).infer_history(evidence.parts, coordinates.supposed, x))
+    return dataset.with_parts(LegSimulator(stopped_as_told).infer_history(dataset.parts, coordinates.supposed, x))
 
 
-def forgotten(evidence):
-    return evidence.with_parts(evidence.simulator.forget_history(evidence.parts))
+def forgotten(dataset):
+    return dataset.with_parts(dataset.simulator.forget_history(dataset.parts))
 
 
 def table(moves, coordinates, x):
@@ -40,21 +40,21 @@ def table(moves, coordinates, x):
 def test_the_moves_are_told_around_the_leg_that_was_there(hypothesis, true):
     stages = table(true, *hypothesis)
     supposed = [leg_dataset(stage_tables(stages, {}, moves)) for moves in MOVES]
-    found = [inferred(evidence, hypothesis) for evidence in supposed]
-    assert [evidence.parts[0].moves for evidence in found] == [true] * len(MOVES)
+    found = [inferred(dataset, hypothesis) for dataset in supposed]
+    assert [dataset.parts[0].moves for dataset in found] == [true] * len(MOVES)
     assert found[MOVES.index(true)] is supposed[MOVES.index(true)]
 
 
 def test_strokes_alone_are_left_as_they_are(hypothesis):
-    evidence = leg_dataset(stage_tables(table(MOVES[0], *hypothesis), {}, MOVES[0]))
-    without = replace(evidence, parts=())
+    dataset = leg_dataset(stage_tables(table(MOVES[0], *hypothesis), {}, MOVES[0]))
+    without = replace(dataset, parts=())
     assert inferred(without, hypothesis) is without and forgotten(without) is without
 
 
 def test_before_the_moves_are_known_friction_is_left_open_and_afterwards_it_counts(hypothesis):
-    evidence = leg_dataset(stage_tables(table(MOVES[0], *hypothesis), {}, MOVES[1]))
-    extra_directions = forgotten(evidence)
-    assert extra_directions.rows.jolt.max() > 0.0 and not evidence.rows.jolt.any()
+    dataset = leg_dataset(stage_tables(table(MOVES[0], *hypothesis), {}, MOVES[1]))
+    extra_directions = forgotten(dataset)
+    assert extra_directions.rows.jolt.max() > 0.0 and not dataset.rows.jolt.any()
     known = inferred(extra_directions, hypothesis)
     assert not known.rows.jolt.any() and known.parts[0].moves == MOVES[0]
     assert inferred(extra_directions, hypothesis, stopped_as_told=False).rows.jolt.max() > 0.0

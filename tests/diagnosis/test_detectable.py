@@ -47,11 +47,11 @@ def would_have_seen(effect, powers):
     """At these sizes of its first parameter, all else at its middle."""
     choice = EffectTerm(catalogue()[effect])
     size, *others = choice.free
-    trials = [
+    probes = [
         EffectProbe(choice, np.array([coordinate_of(size, value), *(0.0 for _ in others)]), np.array([power]))
         for value, power in powers.items()
     ]
-    return find_detection_limits([choice.effect], trials, Given(), RIG, needed=16.0)[0].would_have_seen
+    return find_detection_limits([choice.effect], probes, Given(), RIG, needed=16.0)[0].would_have_seen
 
 
 def test_a_stop_that_no_hinge_reaches_is_not_ruled_out():

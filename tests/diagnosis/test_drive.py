@@ -66,7 +66,7 @@ def test_a_drive_that_is_late_lacks_nothing_and_is_told_to_be_late():
     leg, drive = found_late(RIG)
     decision = decide(drive)
     assert decision.verdict == "nothing missing"
-    body = replace(body_of(drive.evidence.parts, leg, drive.evidence.parts), as_commanded=False)
+    body = replace(body_of(drive.dataset.parts, leg, drive.dataset.parts), as_commanded=False)
     (said,) = _late(body, verdicts_of(leg, nothing_missing(leg), drive, decision))
     assert said.startswith("the drive does what it is told 3.0 ms late")
 

@@ -22,11 +22,11 @@ DAMPED, HEAVY = (EffectTerm(catalogue()[name]) for name in ("hinge_viscous_dampi
 def fits_of(times_damping):
     """Nothing missing, more damping and a heavier tip, each where it fits best to a leg whose hinges are damped so many times."""
     leg = replace(RIG.leg, hinge_damping_Nm_s_per_rad=times_damping * RIG.leg.hinge_damping_Nm_s_per_rad)
-    evidence = leg_dataset(flaps_of(recorded(replace(RIG, leg=leg), CONDITIONS, with_shaft=False)))
-    descent = without_scatter(evidence)
+    dataset = leg_dataset(flaps_of(recorded(replace(RIG, leg=leg), CONDITIONS, with_shaft=False)))
+    optimizer = without_scatter(dataset)
     base = Parameterization(nuisances_of(RIG, KNOWN_TO | {"hinge_damping_relative": 0.5}, 0.0))
-    fits = [descent.at(base.with_terms(choices), np.zeros(base.size + len(choices))) for choices in ((), (DAMPED,), (HEAVY,))]
-    return descent, *(descent.converge(descent.refine(fitted)) for fitted in fits)
+    fits = [optimizer.at(base.with_terms(choices), np.zeros(base.size + len(choices))) for choices in ((), (DAMPED,), (HEAVY,))]
+    return optimizer, *(optimizer.converge(optimizer.refine(fitted)) for fitted in fits)
 
 
 @pytest.fixture(scope="module")
@@ -34,37 +34,37 @@ def far():
     return fits_of(8.0)
 
 
-def share_within(descent, base):
+def share_within(optimizer, base):
     """Of nothing missing's posterior, what has a plausible damping."""
-    posterior, place = descent.evaluate(base).posterior, base.coordinates.space.names.index("hinge_damping")
+    posterior, place = optimizer.evaluate(base).posterior, base.coordinates.space.names.index("hinge_damping")
     assert posterior.mean[place] > IMPLAUSIBLE
     return norm.logcdf(IMPLAUSIBLE, posterior.mean[place], np.sqrt(posterior.covariance[place, place]))
 
 
 def test_nothing_missing_does_not_stand_on_hinges_damped_as_nobody_believes(far):
-    descent, base, damped, _ = far
-    nothing, (named,) = weigh_models(descent, base, [damped], 20)
-    assert nothing.judgement.log_evidence == pytest.approx(descent.log_evidence(base) + share_within(descent, base))
-    assert named.judgement.log_evidence == pytest.approx(descent.log_evidence(damped))
+    optimizer, base, damped, _ = far
+    nothing, (named,) = weigh_models(optimizer, base, [damped], 20)
+    assert nothing.marginal.log_evidence == pytest.approx(optimizer.log_evidence(base) + share_within(optimizer, base))
+    assert named.marginal.log_evidence == pytest.approx(optimizer.log_evidence(damped))
     assert named.log_joint > nothing.log_joint
 
 
 def test_it_does_where_no_effect_says_the_same(far):
-    descent, base, _, heavy = far
-    nothing, _ = weigh_models(descent, base, [heavy], 20)
-    assert nothing.judgement.log_evidence == pytest.approx(descent.log_evidence(base))
+    optimizer, base, _, heavy = far
+    nothing, _ = weigh_models(optimizer, base, [heavy], 20)
+    assert nothing.marginal.log_evidence == pytest.approx(optimizer.log_evidence(base))
 
 
 def test_it_does_where_the_effect_needs_what_nobody_believes_as_well(far):
-    descent, base, damped, _ = far
+    optimizer, base, damped, _ = far
     idle = np.column_stack([base.jacobian, np.zeros(len(base.predicted))])
     strained = replace(damped, predicted=base.predicted, x=np.append(base.x, 0.0), jacobian=idle)
-    assert descent.evaluate(strained).farthest(base.coordinates.nuisances) > IMPLAUSIBLE
-    nothing, _ = weigh_models(descent, base, [strained], 20)
-    assert nothing.judgement.log_evidence == pytest.approx(descent.log_evidence(base))
+    assert optimizer.evaluate(strained).farthest(base.coordinates.nuisances) > IMPLAUSIBLE
+    nothing, _ = weigh_models(optimizer, base, [strained], 20)
+    assert nothing.marginal.log_evidence == pytest.approx(optimizer.log_evidence(base))
 
 
 def test_a_value_within_belief_keeps_its_evidence():
-    descent, base, damped, heavy = fits_of(1.5)
-    nothing, _ = weigh_models(descent, base, [damped, heavy], 20)
-    assert nothing.judgement.log_evidence == pytest.approx(descent.log_evidence(base), abs=1e-3)
+    optimizer, base, damped, heavy = fits_of(1.5)
+    nothing, _ = weigh_models(optimizer, base, [damped, heavy], 20)
+    assert nothing.marginal.log_evidence == pytest.approx(optimizer.log_evidence(base), abs=1e-3)

@@ -154,7 +154,7 @@ def test_a_curved_channel_is_measured_as_a_function_of_its_reading(crosstalk):
 def test_the_base_may_be_a_hypothesis_less_one_of_its_effects(crosstalk):
     base = base_without(crosstalk, crosstalk.named[0], "sensor_crosstalk")
     assert base.ids == ()
-    assert base.judgement.log_evidence == pytest.approx(crosstalk.nothing.judgement.log_evidence, abs=3.0)
+    assert base.marginal.log_evidence == pytest.approx(crosstalk.nothing.marginal.log_evidence, abs=3.0)
     with pytest.raises(BadInput, match="effect tip_mass: is not in the hypothesis, which has sensor_crosstalk"):
         base_without(crosstalk, crosstalk.named[0], "tip_mass")
 

@@ -213,20 +213,20 @@ def linear_view():
     predicted = random.standard_normal((2, ROWS))
     rivals = [_rival(slopes[k], np.diag([0.3, 0.2 + 0.1 * k])) for k in range(2)]
     contest = SimpleNamespace(open=rivals, found=SimpleNamespace(scatter=Scatter({"height": 0.05}, np.empty((ROWS, 0)))))
-    evidence = SimpleNamespace(
+    dataset = SimpleNamespace(
         predicted_all=lambda points: [predicted[k] + slopes[k] @ x for k, x in points],
         flaps=(),
     )
     for k, rival in enumerate(rivals):
         rival.fitted.coordinates.supposed = lambda x, k=k: (k, x)
-    return ExpectedInformation(contest, evidence, predicted, np.full(ROWS, 0.4), 0.1 * np.eye(ROWS)), slopes
+    return ExpectedInformation(contest, dataset, predicted, np.full(ROWS, 0.4), 0.1 * np.eye(ROWS)), slopes
 
 
 def _rival(jacobian, covariance):
     space = SimpleNamespace(names=("height",), prior_std=np.array([0.2]))
     coordinates = SimpleNamespace(nuisances=1, size=2, space=space)
     fitted = SimpleNamespace(x=np.zeros(2), coordinates=coordinates)
-    return SimpleNamespace(fitted=fitted, judgement=SimpleNamespace(posterior=SimpleNamespace(covariance=covariance)))
+    return SimpleNamespace(fitted=fitted, marginal=SimpleNamespace(posterior=SimpleNamespace(covariance=covariance)))
 
 
 def test_expected_log_evidence_is_the_mean_over_many_recordings(linear_view):

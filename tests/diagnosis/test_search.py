@@ -40,7 +40,7 @@ def search(effects, candidates=CANDIDATES, tables=False, config=SearchConfig()):
 def test_the_effects_that_are_missing_are_the_most_probable_set(effects):
     found = search(effects)
     assert set(found.named[0].ids) == {effect.id for effect in effects}
-    assert found.named[0].judgement.log_evidence > found.nothing.judgement.log_evidence + 100.0
+    assert found.named[0].marginal.log_evidence > found.nothing.marginal.log_evidence + 100.0
     values = {e.id: e.values[0][1] for e in found.named[0].fitted.coordinates.supposed(found.named[0].fitted.x).rig.effects}
     assert all(values[effect.id] == pytest.approx(effect.values[0][1], rel=0.15) for effect in effects)
 
@@ -63,7 +63,7 @@ def test_an_effect_that_promises_too_little_is_not_fitted():
 
 def test_the_static_approach_is_learnt_from_what_fits_well():
     found = search((HEAVY,), ("tip_mass",), tables=True)
-    assert {table.moves for table in tables_of(found.evidence.parts)} == {SOFTLY}
+    assert {table.moves for table in tables_of(found.dataset.parts)} == {SOFTLY}
     assert found.named[0].ids == ("tip_mass",)
 
 
@@ -97,7 +97,7 @@ def looped():
     state = model_selection._begin(leg_dataset(parts), coordinates, config)
     (loop,) = terms_of(catalogue()["spring_hysteresis"])
     start = model_selection.Start((loop,), np.concatenate([state.nothing.x, grid_of(loop)[0]]), state.nothing.jacobian)
-    return state.with_fits([state.descent.converge(model_selection._fit(state.descent, state, start, 5))])
+    return state.with_fits([state.optimizer.converge(model_selection._fit(state.optimizer, state, start, 5))])
 
 
 def test_an_effect_is_exchanged_for_one_of_its_family_that_explains_more(looped):
@@ -130,13 +130,13 @@ def begun_with(effect, found_as, known_to):
     state = model_selection._begin(leg_dataset(parts), Parameterization(nuisances_of(RIG, known_to, 0.0)), SearchConfig())
     (term,) = terms_of(catalogue()[found_as])
     start = model_selection.Start((term,), np.concatenate([state.nothing.x, grid_of(term)[0]]), state.nothing.jacobian)
-    return state.with_fits([model_selection._fit(state.descent, state, start, 5)])
+    return state.with_fits([model_selection._fit(state.optimizer, state, start, 5)])
 
 
 def test_an_effect_gives_way_to_one_that_does_the_same_as_a_strained_nuisance(monkeypatch):
     state = begun_with(present("height_offset", offset_mm=4.0), "tip_mass", KNOWN_TO | {"height_mm": 0.5})
     monkeypatch.setattr(model_selection, "LARGEST_SET", 1)  # nothing can be added
-    monkeypatch.setattr(type(state), "best", property(lambda self: max(self.fits, key=self.descent.free_log_evidence)))
+    monkeypatch.setattr(type(state), "best", property(lambda self: max(self.fits, key=self.optimizer.free_log_evidence)))
     state = replace(state, exchanged=frozenset({frozenset()}))
     assert state.best.ids == ("tip_mass",) and state.best.farthest > 2.5
     assert model_selection._exchange(state, terms_of(catalogue()["height_offset"])).best.ids == ("height_offset",)
@@ -168,8 +168,8 @@ def test_a_set_that_wins_by_its_last_steps_is_compared_with_its_parts_too(monkey
         if nested and not pairs:
             (leak,) = terms_of(catalogue()["sensor_crosstalk"])
             wider = state.best.coordinates.with_terms((*state.best.coordinates.choices, leak))
-            pairs.append(state.descent.at(wider, np.append(state.best.x, 0.1), state.best.jacobian))
-            state.descent._free[pairs[0]] = np.inf
+            pairs.append(state.optimizer.at(wider, np.append(state.best.x, 0.1), state.best.jacobian))
+            state.optimizer._free[pairs[0]] = np.inf
             state = state.with_fits(pairs)
         return state
 

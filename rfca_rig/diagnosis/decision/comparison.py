@@ -54,10 +54,10 @@ class ScaledHypothesis:
     @cached_property
     def held_out_rms(self) -> Floats:
         """Rms of each held-out condition, all unknowns fitted to the others, in units of noise and usual model error, (conditions,)."""
-        rows = self.result.evidence.rows
+        rows = self.result.dataset.rows
         linear = self.hypothesis.fitted.linear(rows.measured)
         residuals = loo_residuals(linear, self.whitening, rows.condition, range(int(rows.condition.max()) + 1))
-        square = residuals**2 / self.result.judge.usual.variance()
+        square = residuals**2 / self.result.likelihood.usual.variance()
         return np.asarray(np.sqrt(np.bincount(rows.condition, square) / np.bincount(rows.condition)))
 
     @property
@@ -143,8 +143,8 @@ class Comparison:
 
     def _is_as_good(self, one: ScaledHypothesis) -> bool:
         """Whether the data do not tell a hypothesis from the best one, or would not if the model erred by as much as models usually do."""
-        judge = self.result.judge
-        usual = [whitening.s for whitening in judge.every_scale].index(judge.usual.s)
+        likelihood = self.result.likelihood
+        usual = [whitening.s for whitening in likelihood.every_scale].index(likelihood.usual.s)
         behind = self.best.log_joint - one.log_joint, float(self.best.log_evidence[usual] - one.log_evidence[usual])
         return min(behind) < AS_GOOD
 
@@ -174,7 +174,7 @@ class Comparison:
     @cached_property
     def noise_floor(self) -> float:
         """What sensor noise alone leaves, in units of noise and usual model error."""
-        return float(np.sqrt(np.mean(self.result.evidence.rows.noise**2 / self.result.judge.usual.variance())))
+        return float(np.sqrt(np.mean(self.result.dataset.rows.noise**2 / self.result.likelihood.usual.variance())))
 
     def support(self, ids: Sequence[str]) -> Support:
         """The support of these effects, members of the best explanation among them. Raises ValueError where none of them is."""
@@ -220,7 +220,7 @@ class Comparison:
         for number in range(len(coordinates.choices)):
             others = [term for i, term in enumerate(coordinates.choices) if i != number]
             x = np.delete(fitted.x, np.arange(coordinates.size)[coordinates.part(number)])
-            rows = self.result.evidence.predicted(coordinates.with_terms(others).supposed(x))
+            rows = self.result.dataset.predicted(coordinates.with_terms(others).supposed(x))
             found.append(np.zeros_like(fitted.predicted) if rows is None else fitted.predicted - rows)
         return found
 
@@ -229,11 +229,11 @@ class Comparison:
 
         Each condition's size is a random effect with prior deviation VARIES_BY; conditions that stay uncertain are left out.
         """
-        signature, best, group = self._signatures[number], self.best, self.result.evidence.rows.condition
+        signature, best, group = self._signatures[number], self.best, self.result.dataset.rows.condition
         columns = [column for g in range(int(group.max()) + 1) if np.any(column := np.where(group == g, signature, 0.0))]
         if len(columns) < 2:
             return 0.0
-        linear = best.hypothesis.fitted.linear(self.result.evidence.rows.measured)
+        linear = best.hypothesis.fitted.linear(self.result.dataset.rows.measured)
         wider = Linear(linear.target, np.column_stack([linear.jacobian, VARIES_BY * np.column_stack(columns)]))
         posterior = laplace_posterior(wider, best.whitening)
         own = slice(linear.jacobian.shape[1], None)
@@ -253,8 +253,8 @@ def compare(result: ModelSelectionResult) -> Comparison:
 
 
 def _scaled(result: ModelSelectionResult, hypothesis: Hypothesis) -> ScaledHypothesis:
-    whitenings = result.judge.every_scale
-    log_evidence = log_evidence_by_scale(hypothesis.fitted, result.evidence.rows.measured, whitenings)
+    whitenings = result.likelihood.every_scale
+    log_evidence = log_evidence_by_scale(hypothesis.fitted, result.dataset.rows.measured, whitenings)
     scales, total = np.array([whitening.s for whitening in whitenings]), float(logsumexp(log_evidence))
     return ScaledHypothesis(
         hypothesis=hypothesis,

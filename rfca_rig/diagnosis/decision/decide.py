@@ -198,7 +198,7 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
 def _families_of_best(comparison: Comparison) -> dict[str, Family]:
     """The families of the best explanation's effects, by id; none of another kind of rig, which has less than half of the members."""
     known = {family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)}
-    tried = {probe.choice.effect.id for probe in comparison.result.trials}.union(comparison.best.ids)
+    tried = {probe.choice.effect.id for probe in comparison.result.probes}.union(comparison.best.ids)
     return {name: family for name, family in known.items() if 2 * len(family.members & tried) >= len(family.members)} or known
 
 
@@ -240,10 +240,10 @@ def at_own_scale(one: ScaledHypothesis) -> Hypothesis:
 
     That this model should err less than others is no knowledge to narrow an interval with.
     """
-    linear = one.hypothesis.fitted.linear(one.result.evidence.rows.measured)
-    whitening = one.result.judge.level(linear)
-    judgement = MarginalPosterior(one.hypothesis.judgement.log_evidence, one.scale, laplace_posterior(linear, whitening), whitening)
-    return replace(one.hypothesis, judgement=judgement)
+    linear = one.hypothesis.fitted.linear(one.result.dataset.rows.measured)
+    whitening = one.result.likelihood.level(linear)
+    marginal = MarginalPosterior(one.hypothesis.marginal.log_evidence, one.scale, laplace_posterior(linear, whitening), whitening)
+    return replace(one.hypothesis, marginal=marginal)
 
 
 def _describe_effect(comparison: Comparison, hypothesis: Hypothesis, number: int, supported: Supported) -> NamedEffect:
@@ -281,7 +281,7 @@ def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
         if one.ids:
             joint.setdefault(tuple(sorted(one.ids)), []).append((one.log_joint, one.log_joint - one.hypothesis.log_prior, one.scale))
     nothing, unknown = comparison.result.nothing, comparison.result.unknown
-    joint[()] = [(nothing.log_joint, nothing.judgement.log_evidence, nothing.judgement.error)]
+    joint[()] = [(nothing.log_joint, nothing.marginal.log_evidence, nothing.marginal.error)]
     joint[UNKNOWN] = [(unknown.log_evidence + float(np.log(PRIOR_UNKNOWN)), unknown.log_evidence, unknown.error)]
     logs = {ids: float(logsumexp([entry[0] for entry in entries])) for ids, entries in joint.items()}
     total = float(logsumexp(list(logs.values())))

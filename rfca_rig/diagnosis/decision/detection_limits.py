@@ -24,14 +24,14 @@ class Shows(Protocol):
 
 
 def find_detection_limits(
-    effects: Sequence[Effect], trials: Sequence[EffectProbe], shows: Shows, rig: RigModel, needed: float | None = None
+    effects: Sequence[Effect], probes: Sequence[EffectProbe], shows: Shows, rig: RigModel, needed: float | None = None
 ) -> tuple[NotSeen, ...]:
     """For each effect the size at which its signatures would have shown: at which it would have earned its name, if `needed` is not given
     and its power is that beyond noise and nuisances.
     """
     if needed is None:
         needed = 2.0 * (3.0 + float(np.log(max(len(effects), 1))) + OCCAM)
-    return tuple(NotSeen(effect.id, _size(effect, trials, shows, rig, needed)) for effect in effects)
+    return tuple(NotSeen(effect.id, _size(effect, probes, shows, rig, needed)) for effect in effects)
 
 
 def size_parameter(effect: Effect) -> Parameter:
@@ -49,11 +49,11 @@ def without_effect(effect: Effect, rig: RigModel) -> float:
     return 0.0
 
 
-def _size(effect: Effect, trials: Sequence[EffectProbe], shows: Shows, rig: RigModel, needed: float) -> Mapping[str, float] | None:
+def _size(effect: Effect, probes: Sequence[EffectProbe], shows: Shows, rig: RigModel, needed: float) -> Mapping[str, float] | None:
     size, off = size_parameter(effect), without_effect(effect, rig)
     powers: dict[float, list[float]] = {}
     below = 0.0
-    for trial in trials:
+    for trial in probes:
         if trial.choice.effect.id == effect.id:
             value = dict(trial.choice.present(trial.z).values)[size.name]
             below += value - off

@@ -37,7 +37,7 @@ def estimate_sizes(comparison: Comparison, hypothesis: Hypothesis, number: int) 
         Which of its effects.
     """
     term = hypothesis.fitted.coordinates.choices[number]
-    part, posterior = hypothesis.fitted.coordinates.part(number), hypothesis.judgement.posterior
+    part, posterior = hypothesis.fitted.coordinates.part(number), hypothesis.marginal.posterior
     std = np.maximum(np.sqrt(np.diag(posterior.covariance))[part], _jackknife_std(comparison, hypothesis)[part])
     law = LAW_SHARE * comparison.law_error(comparison.scaled(hypothesis))
     parameters: dict[str, Value] = {name: Value(value, 0.0) for name, value in term.whole}
@@ -64,9 +64,9 @@ def _open_by(term: EffectTerm, parameter: Parameter, value: float, law: float, h
 
 def _jackknife_std(comparison: Comparison, hypothesis: Hypothesis) -> Floats:
     """Standard deviation of all unknowns by leaving one condition out at a time, (p,)."""
-    rows = comparison.result.evidence.rows
+    rows = comparison.result.dataset.rows
     count = int(rows.condition.max()) + 1
     if count < 3:
         return np.zeros(len(hypothesis.fitted.x))
-    means = loo_estimates(hypothesis.fitted.linear(rows.measured), hypothesis.judgement.whitening, rows.condition, range(count))
+    means = loo_estimates(hypothesis.fitted.linear(rows.measured), hypothesis.marginal.whitening, rows.condition, range(count))
     return np.asarray(np.sqrt((count - 1) * np.var(means, axis=0)))

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-from rfca_rig.diagnosis.config import USUAL_ERROR
+from rfca_rig.diagnosis.config import USUAL_ERROR, WIDE_STEP
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import OpenHypotheses
 from rfca_rig.diagnosis.leg.simulator import flaps_of
@@ -27,8 +27,6 @@ from rfca_rig.diagnosis.likelihood.covariance import discrepancy
 from rfca_rig.diagnosis.simulator import ConditionData
 
 Floats = NDArray[np.float64]
-
-STEP = 0.3  # prior deviations: a finite difference that averages over the roughness of contact
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,7 @@ class ExpectedInformation:
             return None
         scatter = self._scatter(jacobians[0])
         of_one = np.diag(self.noise**2) + scatter @ scatter.T
-        roots = [np.linalg.cholesky(hypothesis.judgement.posterior.covariance) for hypothesis in self.hypotheses.open]
+        roots = [np.linalg.cholesky(hypothesis.marginal.posterior.covariance) for hypothesis in self.hypotheses.open]
         moves = [jacobian @ root for jacobian, root in zip(jacobians, roots, strict=True)]
         return [self._compare(of_one / count, moves) for count in repeats]
 
@@ -83,7 +81,7 @@ class ExpectedInformation:
         shared = fits[0].coordinates.nuisances
         places = [(0, i) for i in range(shared)] + [(k, i) for k, fit in enumerate(fits) for i in range(shared, fit.coordinates.size)]
         # towards the middle of the prior, where the model has an answer
-        steps = [-STEP if fits[k].x[i] > 0.0 else STEP for k, i in places]
+        steps = [-WIDE_STEP if fits[k].x[i] > 0.0 else WIDE_STEP for k, i in places]
         points = [fits[k].x + step * (np.arange(len(fits[k].x)) == i) for (k, i), step in zip(places, steps, strict=True)]
         moved = self.dataset.predicted_all([fits[k].coordinates.supposed(x) for (k, _), x in zip(places, points, strict=True)])
         columns = {}
@@ -107,7 +105,7 @@ class ExpectedInformation:
 def expected_information(hypotheses: OpenHypotheses, condition: ConditionData) -> ExpectedInformation | None:
     """The predictions of all hypotheses for a condition that is not recorded yet; None where one of them has no answer."""
     rows = condition.rows()
-    dataset = Dataset((condition,), rows, hypotheses.found.evidence.simulator)
+    dataset = Dataset((condition,), rows, hypotheses.found.dataset.simulator)
     found = dataset.predicted_all([h.fitted.coordinates.supposed(h.fitted.x) for h in hypotheses.open])
     if any(answer is None for answer in found):
         return None

@@ -99,13 +99,13 @@ def _list_options(
     of_shaft, region = hypotheses.found is verdicts.drive, _find_region(body, verdicts, limits)
     designs = [design for _, design in _flap_designs(body, verdicts, region, body.shafts[0] if of_shaft else None)]
     if enough and not of_shaft:
-        designs += _stage_designs(body, tables_of(verdicts.leg.evidence.parts), region)
+        designs += _stage_designs(body, tables_of(verdicts.leg.dataset.parts), region)
     return list_options(hypotheses, designs, enough)
 
 
 def _find_region(body: "PreparedData", verdicts: "Findings", limits: Limits | None) -> FeasibleRegion:
     """Within the rig's limits where they are known, else within the speeds and loads that were recorded. Raises SimulationFailed."""
-    flaps, tables, fit = body.flaps, tables_of(verdicts.leg.evidence.parts), verdicts.leg.nothing.fitted
+    flaps, tables, fit = body.flaps, tables_of(verdicts.leg.dataset.parts), verdicts.leg.nothing.fitted
     heights = [*(flap.height_m for flap in flaps), *(table.height_m for table in tables)]
     lowest_m, highest_m = min(heights) - HEIGHT_BEYOND_M, max(heights) + HEIGHT_BEYOND_M
     fastest = max((flap.turn.speed_rad_s for flap in flaps), default=2.0 * SLOWEST_RAD_S)
@@ -131,7 +131,7 @@ def _flap_designs(
     if body.flaps:
         start_rad, noise = body.flaps[0].turn.start_rad, body.flaps[0].sample_noise
     else:  # as of the static stages, each of which is a mean
-        table = tables_of(verdicts.leg.evidence.parts)[0]
+        table = tables_of(verdicts.leg.dataset.parts)[0]
         start_rad, noise = None, {name: std * float(np.sqrt(MEAN_OF_SAMPLES)) for name, std in table.noise.items()}
     for height_m in region.heights_m(recorded[:, 0]):
         for speed_rad_s in speeds:

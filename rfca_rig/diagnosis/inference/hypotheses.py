@@ -39,46 +39,61 @@ class Hypothesis:
 
     ids: tuple[str, ...]
     fitted: MapFit
-    judgement: MarginalPosterior
+    marginal: MarginalPosterior
     log_prior: float
     log_beyond: float = 0.0
 
     @property
     def log_joint(self) -> float:
         """Log of prior times evidence."""
-        return self.judgement.log_evidence + self.log_prior
+        return self.marginal.log_evidence + self.log_prior
 
     @property
     def rows(self) -> Floats:
         """What it says of every row, at its posterior mean."""
-        return self.fitted.predicted + self.fitted.jacobian @ (self.judgement.posterior.mean - self.fitted.x)
+        return self.fitted.predicted + self.fitted.jacobian @ (self.marginal.posterior.mean - self.fitted.x)
 
 
 @dataclass(frozen=True)
 class ModelSelectionResult:
-    """Everything that the search leaves: the model as `believed`, `nothing` missing with all nuisances free, `unknown` (nothing named, a
-    large error), and the hypotheses that name something, most plausible first.
+    """What a search leaves.
 
-    `trials` are the effects on a grid beside the model as believed, on a subset of the conditions: `in_coarse` (m,) says which rows those
-    have, and `coarse` judges them.
+    Parameters
+    ----------
+    nominal
+        The model at the prior means.
+    nothing
+        The hypothesis without effects.
+    unknown
+        Its marginal likelihood with something unlisted beside it.
+    named
+        The hypotheses with effects, most probable first.
+    probes
+        The effects on a grid beside the nominal model, on a subset of the conditions.
+    coarse, in_coarse
+        The likelihood of that subset, and which rows it has, (m,).
+    scatter
+        What differs from repeat to repeat.
+    likelihood, dataset
+        Those of all conditions.
     """
 
-    believed: MapFit
+    nominal: MapFit
     nothing: Hypothesis
     unknown: MarginalPosterior
     named: tuple[Hypothesis, ...]
-    trials: tuple[EffectProbe, ...]
+    probes: tuple[EffectProbe, ...]
     coarse: MarginalLikelihood
     in_coarse: NDArray[np.bool_]
     scatter: Scatter
-    judge: MarginalLikelihood
-    evidence: Dataset
+    likelihood: MarginalLikelihood
+    dataset: Dataset
 
 
-def weigh_models(descent: GaussNewton, base: MapFit, fits: Sequence[MapFit], effects: int) -> tuple[Hypothesis, tuple[Hypothesis, ...]]:
+def weigh_models(optimizer: GaussNewton, base: MapFit, fits: Sequence[MapFit], effects: int) -> tuple[Hypothesis, tuple[Hypothesis, ...]]:
     """Nothing missing, and the fits that name something, most plausible first, of a catalogue with so many `effects`."""
-    nothing = Hypothesis((), base, descent.evaluate(base), float(np.log(PRIOR_NOTHING)))
-    named = [Hypothesis(fitted.ids, fitted, descent.evaluate(fitted), _log_prior(fitted, effects)) for fitted in fits]
+    nothing = Hypothesis((), base, optimizer.evaluate(base), float(np.log(PRIOR_NOTHING)))
+    named = [Hypothesis(fitted.ids, fitted, optimizer.evaluate(fitted), _log_prior(fitted, effects)) for fitted in fits]
     believable = [_as_believable(hypothesis, named) for hypothesis in named]
     return _as_believable(nothing, named), tuple(sorted(believable, key=lambda hypothesis: -hypothesis.log_joint))
 
@@ -90,16 +105,16 @@ def _as_believable(hypothesis: Hypothesis, named: Sequence[Hypothesis]) -> Hypot
     times the believed damping is not well-known hinges, but more damping than believed.
     """
     implausible = max((_log_beyond(hypothesis, wider) for wider in named), default=0.0)
-    judgement = hypothesis.judgement
-    return replace(hypothesis, judgement=replace(judgement, log_evidence=judgement.log_evidence - implausible), log_beyond=implausible)
+    marginal = hypothesis.marginal
+    return replace(hypothesis, marginal=replace(marginal, log_evidence=marginal.log_evidence - implausible), log_beyond=implausible)
 
 
 def _log_beyond(hypothesis: Hypothesis, wider: Hypothesis) -> float:
     """Minus the log of the share of the posterior that is plausible, of the believed value that the wider one's other effect stands for."""
     more = [choice.effect.same_as for choice in wider.fitted.coordinates.choices if choice.effect.id not in hypothesis.ids]
-    names, posterior = hypothesis.fitted.coordinates.space.names, hypothesis.judgement.posterior
+    names, posterior = hypothesis.fitted.coordinates.space.names, hypothesis.marginal.posterior
     is_wider = set(hypothesis.ids) < set(wider.ids) and len(more) == 1 and more[0] in names
-    if not is_wider or wider.judgement.farthest(wider.fitted.coordinates.nuisances) > IMPLAUSIBLE:
+    if not is_wider or wider.marginal.farthest(wider.fitted.coordinates.nuisances) > IMPLAUSIBLE:
         return 0.0
     place = names.index(more[0])
     std = float(np.sqrt(posterior.covariance[place, place]))

@@ -1,6 +1,6 @@
 """The best point of one hypothesis: damped Gauss-Newton, its slopes renewed only as far as they change.
 
-A hypothesis far from the data is judged by a wide model error, which shrinks as the fit improves: otherwise rows that no value could
+A hypothesis far from the data is fitted under a wide model error, which shrinks as the fit improves: otherwise rows that no value could
 explain would drive the nuisances to the ends of their priors.
 """
 
@@ -23,7 +23,6 @@ from rfca_rig.diagnosis.config import (
     ROUGH,
     ROUNDS,
     SHORTER,
-    SHORTEST,
     SLOPES_ERR,
     STEP,
     WELL_SEEN,
@@ -73,18 +72,18 @@ class MapFit:
 
 @dataclass(frozen=True)
 class GaussNewton:
-    """What all descents share."""
+    """The optimiser of one dataset: damped Gauss-Newton steps, results remembered."""
 
-    evidence: Dataset
-    judge: MarginalLikelihood
+    dataset: Dataset
+    likelihood: MarginalLikelihood
     _free: WeakKeyDictionary[MapFit, float] = field(default_factory=WeakKeyDictionary, init=False, repr=False, compare=False)
-    _judgements: WeakKeyDictionary[MapFit, MarginalPosterior] = field(
+    _marginals: WeakKeyDictionary[MapFit, MarginalPosterior] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False, compare=False
     )
 
     def at(self, coordinates: Parameterization, x: Floats, known_slope: Floats | None = None) -> MapFit | None:
         """The hypothesis at x; None where the model has no answer. The first slopes are taken over from `known_slope`."""
-        predicted = self.evidence.predicted(coordinates.supposed(x))
+        predicted = self.dataset.predicted(coordinates.supposed(x))
         if predicted is None:
             return None
         left = np.empty((len(predicted), 0)) if known_slope is None else known_slope
@@ -92,7 +91,7 @@ class GaussNewton:
         return self._fitted(coordinates, x, predicted, np.column_stack([left, *columns]))
 
     def _fitted(self, coordinates: Parameterization, x: Floats, predicted: Floats, jacobian: Floats) -> MapFit:
-        size = np.linalg.norm(self.judge.usual(jacobian), axis=0)
+        size = np.linalg.norm(self.likelihood.usual(jacobian), axis=0)
         return MapFit(coordinates, x, predicted, self._aligned(coordinates, jacobian), size)
 
     def without(self, found: MapFit, number: int) -> MapFit | None:
@@ -106,10 +105,10 @@ class GaussNewton:
         """From `start` down until nothing more is gained, at one model error after the other."""
         here, last = start, np.inf
         for _ in range(levels):
-            whitening = self.judge.level(here.linear(self.evidence.rows.measured))
+            whitening = self.likelihood.level(here.linear(self.dataset.rows.measured))
             if whitening.s == last:
                 break
-            here, last = self._down(here, whitening, rounds), whitening.s
+            here, last = self._descend(here, whitening, rounds), whitening.s
         return here
 
     def converge(self, found: MapFit, rounds: int = POLISHED) -> MapFit:
@@ -117,7 +116,7 @@ class GaussNewton:
         here = found
         for _ in range(rounds):
             before, here = here, self.refine(self._with_new_slopes(here))
-            whitening = self.judge.level(here.linear(self.evidence.rows.measured))
+            whitening = self.likelihood.level(here.linear(self.dataset.rows.measured))
             if self.misfit(before.x, before.predicted, whitening) - self.misfit(here.x, here.predicted, whitening) < CONVERGED:
                 break
         return here
@@ -126,24 +125,22 @@ class GaussNewton:
         columns = self._columns(here.coordinates, here.x, here.predicted, dict(enumerate(_widths(here.size))))
         return self._fitted(here.coordinates, here.x, here.predicted, np.column_stack(columns))
 
-    def _down(self, here: MapFit, whitening: AtError, rounds: int) -> MapFit:
+    def _descend(self, here: MapFit, whitening: AtError, rounds: int) -> MapFit:
         """Steps towards the goal of the linear model, shorter after each that did not help; those teach the slopes, too."""
         share = 1.0
         for _ in range(rounds):
-            goal = _goal(here.linear(self.evidence.rows.measured), whitening)
+            goal = _goal(here.linear(self.dataset.rows.measured), whitening)
             before = self.misfit(here.x, here.predicted, whitening)
             if before - self.misfit(goal, here.predicted + here.jacobian @ (goal - here.x), whitening) < GOOD_ENOUGH:
                 return here
             x = here.x + share * (goal - here.x)
-            predicted = self.evidence.predicted(here.coordinates.supposed(x))
+            predicted = self.dataset.predicted(here.coordinates.supposed(x))
             gained = -np.inf if predicted is None else before - self.misfit(x, predicted, whitening)
             if predicted is not None:
-                here = self._learnt(here, x, predicted) if gained <= 0.0 else self._renewed(here, x, predicted)
+                here = self._update_by_secant(here, x, predicted) if gained <= 0.0 else self._refresh_jacobian(here, x, predicted)
             if 0.0 < gained < GOOD_ENOUGH:
                 return here
             share = min(1.0, 2.0 * share) if gained > 0.0 else SHORTER * share
-            if share < SHORTEST:
-                return here
         return here
 
     def evaluate(self, found: MapFit) -> MarginalPosterior:
@@ -151,22 +148,22 @@ class GaussNewton:
 
         A slope across a kink, as of a stop that no hinge reaches, promises much.
         """
-        if (known := self._judgements.get(found)) is None:
-            known = self._judgements[found] = self._judged(found)
+        if (known := self._marginals.get(found)) is None:
+            known = self._marginals[found] = self._integrate(found)
         return known
 
-    def _judged(self, found: MapFit) -> MarginalPosterior:
-        linear = found.linear(self.evidence.rows.measured)
-        judgement = self.judge.evaluate(linear)
-        missing = missing_promise(found, self.evidence.rows.measured, judgement.posterior.mean, judgement.whitening)
-        return replace(judgement, log_evidence=judgement.log_evidence - missing)
+    def _integrate(self, found: MapFit) -> MarginalPosterior:
+        linear = found.linear(self.dataset.rows.measured)
+        marginal = self.likelihood.evaluate(linear)
+        missing = missing_promise(found, self.dataset.rows.measured, marginal.posterior.mean, marginal.whitening)
+        return replace(marginal, log_evidence=marginal.log_evidence - missing)
 
     def evaluate_unlisted(self, found: MapFit) -> MarginalPosterior:
         """How likely they are with something unlisted beside the hypothesis."""
-        return self.judge.evaluate_unknown(found.linear(self.evidence.rows.measured))
+        return self.likelihood.evaluate_unknown(found.linear(self.dataset.rows.measured))
 
     def log_evidence(self, found: MapFit) -> float:
-        """That of the judgement."""
+        """The log evidence of `evaluate`."""
         return self.evaluate(found).log_evidence
 
     def free_log_evidence(self, found: MapFit) -> float:
@@ -177,13 +174,13 @@ class GaussNewton:
 
     def log_evidence_by_scale(self, found: MapFit) -> Floats:
         """Log evidence at each discrepancy scale of the grid, (k,)."""
-        return log_evidence_by_scale(found, self.evidence.rows.measured, self.judge.every_scale)
+        return log_evidence_by_scale(found, self.dataset.rows.measured, self.likelihood.every_scale)
 
     def misfit(self, x: Floats, predicted: Floats, whitening: Whitening) -> float:
         """Minus the log posterior density at x, but for a constant."""
-        return _misfit(self.evidence.rows.measured - predicted, x, whitening)
+        return _misfit(self.dataset.rows.measured - predicted, x, whitening)
 
-    def _learnt(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
+    def _update_by_secant(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
         """Slopes that agree better with what the model said at x, each changed in proportion to how wrong it may be.
 
         As a Kalman filter has it, with slopes known to SLOPES_ERR of their size and a model as rough as ROUGH.
@@ -194,9 +191,9 @@ class GaussNewton:
         jacobian = here.jacobian + np.outer(surprise, wrong / (float(step @ wrong) + ROUGH**2))
         return replace(here, jacobian=self._aligned(here.coordinates, jacobian))
 
-    def _renewed(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
+    def _refresh_jacobian(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
         """At x, all slopes updated, those of the effects' parameters by differences."""
-        jacobian = self._learnt(here, x, predicted).jacobian
+        jacobian = self._update_by_secant(here, x, predicted).jacobian
         of_effects = dict(list(enumerate(_widths(here.size)))[here.coordinates.nuisances :])
         for i, column in zip(of_effects, self._columns(here.coordinates, x, predicted, of_effects), strict=True):
             jacobian[:, i] = column
@@ -207,7 +204,7 @@ class GaussNewton:
 
         Their slopes are differences over other steps; the data must not seem to tell apart what only the prior does.
         """
-        size = jacobian / self.evidence.rows.noise[:, None]
+        size = jacobian / self.dataset.rows.noise[:, None]
         norm = np.maximum(np.linalg.norm(size, axis=0), 1e-150)  # the product of two does not underflow
         same = coordinates.same_as
         effects = range(coordinates.nuisances, coordinates.size)
@@ -232,7 +229,7 @@ class GaussNewton:
     def _moved(self, coordinates: Parameterization, x: Floats, steps: Mapping[int, float]) -> dict[int, Floats | None]:
         """The model's rows a step away from x, by the unknown that is moved."""
         places = [coordinates.supposed(np.where(np.arange(len(x)) == i, x + step, x)) for i, step in steps.items()]
-        return dict(zip(steps, self.evidence.predicted_all(places), strict=True))
+        return dict(zip(steps, self.dataset.predicted_all(places), strict=True))
 
 
 def log_evidence_by_scale(found: MapFit, measured: Floats, whitenings: Sequence[AtError]) -> Floats:
@@ -256,9 +253,9 @@ def _misfit(residual: Floats, x: Floats, whitening: Whitening) -> float:
     return 0.5 * float(white @ white + x @ x)
 
 
-def without_scatter(evidence: Dataset) -> GaussNewton:
-    """The descent while nothing is known of what scatters from repeat to repeat: that is left to the model's error."""
-    return GaussNewton(evidence, make_marginal_likelihood(evidence.rows, np.empty((len(evidence.rows.measured), 0))))
+def without_scatter(dataset: Dataset) -> GaussNewton:
+    """The optimiser while nothing is known of what differs from repeat to repeat: that counts as discrepancy."""
+    return GaussNewton(dataset, make_marginal_likelihood(dataset.rows, np.empty((len(dataset.rows.measured), 0))))
 
 
 def _widths(size: Floats) -> Floats:

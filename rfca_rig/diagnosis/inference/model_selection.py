@@ -68,7 +68,7 @@ class SearchState:
     `converged` are the fits that need no fresh Jacobian any more, `exchanged` the sets whose parts were exchanged for what does the same.
     """
 
-    descent: GaussNewton
+    optimizer: GaussNewton
     scatter: Scatter
     coarse: GaussNewton
     in_coarse: NDArray[np.bool_]
@@ -81,21 +81,21 @@ class SearchState:
     @property
     def best(self) -> MapFit:
         """The fit with the greatest log evidence, the discrepancy scale free."""
-        return max((self.nothing, *self.fits), key=self.descent.free_log_evidence)
+        return max((self.nothing, *self.fits), key=self.optimizer.free_log_evidence)
 
     def of_size(self, size: int) -> list[MapFit]:
         """The fits with so many effects, best first."""
         found = [fit for fit in self.fits if len(fit.coordinates.choices) == size]
-        return sorted(found, key=self.descent.free_log_evidence, reverse=True)
+        return sorted(found, key=self.optimizer.free_log_evidence, reverse=True)
 
     def with_fits(self, fits: Iterable[MapFit]) -> "SearchState":
         """With these fits; of each set of effects the best is kept."""
-        ranked = sorted((*self.fits, *fits), key=self.descent.free_log_evidence)
+        ranked = sorted((*self.fits, *fits), key=self.optimizer.free_log_evidence)
         return replace(self, fits=tuple({frozenset(fit.coordinates.choices): fit for fit in ranked}.values()))
 
 
 def search_models(
-    evidence: Dataset,
+    dataset: Dataset,
     coordinates: Parameterization,
     effects: Sequence[Effect],
     progress: Progress,
@@ -105,7 +105,7 @@ def search_models(
 
     Parameters
     ----------
-    evidence
+    dataset
         The observations.
     coordinates
         The nuisance parameters.
@@ -122,7 +122,7 @@ def search_models(
         Where the nominal model cannot be simulated.
     """
     progress("nothing missing", 0.0)
-    state = _begin(evidence.with_parts(evidence.simulator.forget_history(evidence.parts)), coordinates, config)
+    state = _fit_nominal(dataset.with_parts(dataset.simulator.forget_history(dataset.parts)), coordinates, config)
     progress("screening every effect", 0.1)
     terms = tuple(term for effect in effects for term in terms_of(effect))
     # Beside the fit without effects the right effect shows best, unless a nuisance parameter has taken its place there.
@@ -155,22 +155,22 @@ def search_models(
     return _result(_refit_nothing(state), coordinates, beside_nominal.probes, effects)
 
 
-def _begin(evidence: Dataset, coordinates: Parameterization, config: SearchConfig) -> SearchState:
+def _fit_nominal(dataset: Dataset, coordinates: Parameterization, config: SearchConfig) -> SearchState:
     """The nominal model, and the fit without effects."""
-    start = without_scatter(evidence)
+    start = without_scatter(dataset)
     nominal = start.at(coordinates, np.zeros(coordinates.size))
     if nominal is None:
         raise SimulationFailed("the model cannot be computed as believed; look for a slipped decimal point in its parameters")
     nothing = start.refine(nominal)
-    scatter = estimate_scatter(evidence, coordinates.supposed(nothing.x))
-    descent = GaussNewton(evidence, make_marginal_likelihood(evidence.rows, scatter.columns))
-    coarse, rows = _coarsen(evidence, scatter, config.coarse_conditions)
-    return SearchState(descent, scatter, coarse, rows, nominal, descent.converge(nothing))
+    scatter = estimate_scatter(dataset, coordinates.supposed(nothing.x))
+    optimizer = GaussNewton(dataset, make_marginal_likelihood(dataset.rows, scatter.columns))
+    coarse, rows = _coarsen(dataset, scatter, config.coarse_conditions)
+    return SearchState(optimizer, scatter, coarse, rows, nominal, optimizer.converge(nothing))
 
 
-def _coarsen(evidence: Dataset, scatter: Scatter, conditions: int) -> tuple[GaussNewton, NDArray[np.bool_]]:
+def _coarsen(dataset: Dataset, scatter: Scatter, conditions: int) -> tuple[GaussNewton, NDArray[np.bool_]]:
     """The optimiser on a subset of the conditions, and which of all rows these have."""
-    subset, rows = evidence.subset(conditions)
+    subset, rows = dataset.subset(conditions)
     columns = scatter.columns[rows]
     return GaussNewton(subset, make_marginal_likelihood(subset.rows, columns[:, np.any(columns, axis=0)])), rows
 
@@ -180,15 +180,15 @@ def _restrict(fit: MapFit, state: SearchState) -> MapFit:
     return replace(fit, predicted=fit.predicted[state.in_coarse], jacobian=fit.jacobian[state.in_coarse])
 
 
-def _projection(descent: GaussNewton, fit: MapFit) -> Projection:
-    measured = descent.evidence.rows.measured
-    return projection_of(fit, measured, descent.judge.level(fit.linear(measured)))
+def _projection(optimizer: GaussNewton, fit: MapFit) -> Projection:
+    measured = optimizer.dataset.rows.measured
+    return projection_of(fit, measured, optimizer.likelihood.level(fit.linear(measured)))
 
 
 def _screen(state: SearchState, base: MapFit, terms: Iterable[EffectTerm]) -> Screen:
     """The effects beside a fit, on the subset of the conditions."""
     here = _restrict(base, state)
-    return Screen(base, _projection(state.coarse, here), probe_effects(state.coarse.evidence, here, list(terms)))
+    return Screen(base, _projection(state.coarse, here), probe_effects(state.coarse.dataset, here, list(terms)))
 
 
 def _first_sets(starts: Sequence[Start], count: int) -> list[Start]:
@@ -273,25 +273,25 @@ def _fit_best(state: SearchState, starts: Sequence[Start], full: int) -> SearchS
         best_of_each = {frozenset(start.terms): (gain, start) for gain, start in sorted(ends, key=lambda end: end[0])}
         best = sorted(best_of_each.values(), key=lambda end: -end[0])[:full]
         near = [start for n, (gain, start) in enumerate(best) if n < RIVALS or gain > best[0][0] - NEAR]
-        fits = pool.map(lambda start: _fit(state.descent, state, start, 5), near)
+        fits = pool.map(lambda start: _fit(state.optimizer, state, start, 5), near)
         return state.with_fits(fit for fit in fits if fit is not None)
 
 
-def _fit(descent: GaussNewton, state: SearchState, start: Start, levels: int) -> MapFit | None:
+def _fit(optimizer: GaussNewton, state: SearchState, start: Start, levels: int) -> MapFit | None:
     """The MAP fit from a start, None where the model has no answer."""
-    known = start.jacobian if descent is state.descent else start.jacobian[state.in_coarse]
-    here = descent.at(state.nominal.coordinates.with_terms(start.terms), start.x, known)
-    return None if here is None else descent.refine(here, levels=levels)
+    known = start.jacobian if optimizer is state.optimizer else start.jacobian[state.in_coarse]
+    here = optimizer.at(state.nominal.coordinates.with_terms(start.terms), start.x, known)
+    return None if here is None else optimizer.refine(here, levels=levels)
 
 
 def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchState:
     """The best sets of a size with fresh Jacobians."""
     best = state.of_size(size)[: config.converged]
-    least = max((state.descent.free_log_evidence(fit) for fit in state.fits), default=0.0) - NEAR
-    near = [fit for fit in best if fit is best[0] or state.descent.free_log_evidence(fit) > least]
+    least = max((state.optimizer.free_log_evidence(fit) for fit in state.fits), default=0.0) - NEAR
+    near = [fit for fit in best if fit is best[0] or state.optimizer.free_log_evidence(fit) > least]
     with ThreadPoolExecutor(THREADS) as pool:
         fits = [fit for fit in near if fit not in state.converged]
-        found = list(pool.map(state.descent.converge, fits))
+        found = list(pool.map(state.optimizer.converge, fits))
     return replace(state.with_fits(found), converged=state.converged.union(found))
 
 
@@ -304,8 +304,8 @@ def _converge_all(state: SearchState, config: SearchConfig) -> SearchState:
 
 def _is_adequate(state: SearchState) -> bool:
     """Whether the best explanation leaves no more than a good model does, nuisance parameters within what is plausible."""
-    judgement = state.descent.evaluate(state.best)
-    return judgement.error < GOOD_FIT and judgement.farthest(state.nominal.coordinates.nuisances) < IMPLAUSIBLE
+    marginal = state.optimizer.evaluate(state.best)
+    return marginal.error < GOOD_FIT and marginal.farthest(state.nominal.coordinates.nuisances) < IMPLAUSIBLE
 
 
 def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchState:
@@ -314,24 +314,24 @@ def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchSta
     All fits follow. From an explanation that fits badly the wrong history would be learnt.
     """
     best = state.best
-    if state.descent.evaluate(best).error > enough:
+    if state.optimizer.evaluate(best).error > enough:
         return state
-    before = state.descent.evidence
-    evidence = before.with_parts(before.simulator.infer_history(before.parts, best.coordinates.supposed, best.x))
-    if evidence is before:
+    before = state.optimizer.dataset
+    dataset = before.with_parts(before.simulator.infer_history(before.parts, best.coordinates.supposed, best.x))
+    if dataset is before:
         return state
-    scatter = estimate_scatter(evidence, best.coordinates.supposed(best.x))
-    descent = GaussNewton(evidence, make_marginal_likelihood(evidence.rows, scatter.columns))
-    coarse, rows = _coarsen(evidence, scatter, config.coarse_conditions)
-    again = [fit for old in (state.nominal, state.nothing, *state.fits) if (fit := descent.at(old.coordinates, old.x, old.jacobian))]
+    scatter = estimate_scatter(dataset, best.coordinates.supposed(best.x))
+    optimizer = GaussNewton(dataset, make_marginal_likelihood(dataset.rows, scatter.columns))
+    coarse, rows = _coarsen(dataset, scatter, config.coarse_conditions)
+    again = [fit for old in (state.nominal, state.nothing, *state.fits) if (fit := optimizer.at(old.coordinates, old.x, old.jacobian))]
     if len(again) < 2 + len(state.fits):
         return state
     nominal, *fits = again
-    least = max(map(descent.free_log_evidence, fits)) - NEAR
+    least = max(map(optimizer.free_log_evidence, fits)) - NEAR
     with ThreadPoolExecutor(THREADS) as pool:
-        is_worth = [n == 0 or descent.free_log_evidence(fit) > least for n, fit in enumerate(fits)]
-        nothing, *others = pool.map(lambda fit, worth: descent.refine(fit) if worth else fit, fits, is_worth)
-    return SearchState(descent, scatter, coarse, rows, nominal, nothing, tuple(others), exchanged=state.exchanged)
+        is_worth = [n == 0 or optimizer.free_log_evidence(fit) > least for n, fit in enumerate(fits)]
+        nothing, *others = pool.map(lambda fit, worth: optimizer.refine(fit) if worth else fit, fits, is_worth)
+    return SearchState(optimizer, scatter, coarse, rows, nominal, nothing, tuple(others), exchanged=state.exchanged)
 
 
 def _exchange(state: SearchState, terms: Terms) -> SearchState:
@@ -350,11 +350,11 @@ def _exchange(state: SearchState, terms: Terms) -> SearchState:
     astray = [fit for fit in parents if fit.farthest > IMPLAUSIBLE and fit.ids]
     starts += [Start(fit.coordinates.choices, fit.as_believed, fit.jacobian) for fit in astray]
     with ThreadPoolExecutor(THREADS) as pool:
-        fits = pool.map(lambda start: _fit(state.descent, state, start, 5), starts)
+        fits = pool.map(lambda start: _fit(state.optimizer, state, start, 5), starts)
         found = [fit for fit in fits if fit is not None]
-        least = max(map(state.descent.free_log_evidence, (state.best, *found))) - NEAR
-        near = [fit for fit in found if state.descent.free_log_evidence(fit) > least]
-        converged = list(pool.map(state.descent.converge, near))
+        least = max(map(state.optimizer.free_log_evidence, (state.best, *found))) - NEAR
+        near = [fit for fit in found if state.optimizer.free_log_evidence(fit) > least]
+        converged = list(pool.map(state.optimizer.converge, near))
     done = state.exchanged.union(frozenset(parent.coordinates.choices) for parent in parents)
     return replace(state.with_fits([*found, *converged]), converged=state.converged.union(converged), exchanged=done)
 
@@ -369,14 +369,14 @@ def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iter
     equivalent = {term.effect.id: strained[term.effect.same_as] for term in terms if term.effect.same_as in strained}
     for number, term in enumerate(coordinates.choices):
         relatives = related((term.effect.id,)) | {term.effect.id} | equivalent.keys()
-        base = state.descent.without(parent, number)
+        base = state.optimizer.without(parent, number)
         if base is not None:
             yield base, relatives - (set(parent.ids) - {term.effect.id})
     if len(coordinates.choices) < LARGEST_SET:
         for place in sorted(set(equivalent.values())):
             wanted = frozenset(effect for effect, at in equivalent.items() if at == place) - set(parent.ids)
             x = np.where(np.arange(coordinates.size) == place, 0.0, parent.x)
-            base = state.descent.at(coordinates, x, parent.jacobian) if wanted else None
+            base = state.optimizer.at(coordinates, x, parent.jacobian) if wanted else None
             if base is not None:
                 yield base, wanted
 
@@ -393,35 +393,44 @@ def _fit_nested(state: SearchState) -> SearchState:
             terms = tuple(other for i, other in enumerate(coordinates.choices) if i != number)
             x = np.delete(best.x, np.arange(coordinates.size)[coordinates.part(number)])
             of_nuisances = best.jacobian[:, : coordinates.nuisances]
-            found.append(_fit(state.descent, state, Start(terms, x, of_nuisances), 5))
+            found.append(_fit(state.optimizer, state, Start(terms, x, of_nuisances), 5))
             if term.effect.same_as not in coordinates.space.names:
                 continue
-            predicted = state.descent.evidence.predicted(coordinates.with_terms(terms).supposed(x))
+            predicted = state.optimizer.dataset.predicted(coordinates.with_terms(terms).supposed(x))
             if predicted is not None:
                 place = coordinates.space.names.index(term.effect.same_as)
-                along = best.jacobian[:, place] / state.descent.evidence.rows.noise
-                change = (best.predicted - predicted) / state.descent.evidence.rows.noise
+                along = best.jacobian[:, place] / state.optimizer.dataset.rows.noise
+                change = (best.predicted - predicted) / state.optimizer.dataset.rows.noise
                 share = float(along @ change) / max(float(along @ along), 1e-300)
                 x[place] = np.clip(x[place] + share, -FARTHEST, FARTHEST)
-                found.append(_fit(state.descent, state, Start(terms, x, of_nuisances), 5))
+                found.append(_fit(state.optimizer, state, Start(terms, x, of_nuisances), 5))
     return state.with_fits(fit for fit in found if fit is not None)
 
 
 def _refit_nothing(state: SearchState) -> SearchState:
     """The fit without effects also from the nuisance parameters of the best explanation; the better one is converged."""
     nuisances = state.nominal.coordinates.nuisances
-    again = _fit(state.descent, state, Start((), state.best.x[:nuisances], state.best.jacobian[:, :nuisances]), 5)
-    best = max((fit for fit in (state.nothing, again) if fit is not None), key=state.descent.free_log_evidence)
-    return replace(state, nothing=state.descent.converge(best))
+    again = _fit(state.optimizer, state, Start((), state.best.x[:nuisances], state.best.jacobian[:, :nuisances]), 5)
+    best = max((fit for fit in (state.nothing, again) if fit is not None), key=state.optimizer.free_log_evidence)
+    return replace(state, nothing=state.optimizer.converge(best))
 
 
 def _result(
     state: SearchState, coordinates: Parameterization, probes: Sequence[EffectProbe], effects: Sequence[Effect]
 ) -> ModelSelectionResult:
-    descent = state.descent
-    nominal = descent.at(coordinates, state.nominal.x, state.nominal.jacobian) or state.nominal
-    nothing, named = weigh_models(descent, state.nothing, state.fits, len(effects))
-    unknown = descent.evaluate_unlisted(state.nothing)
+    optimizer = state.optimizer
+    nominal = optimizer.at(coordinates, state.nominal.x, state.nominal.jacobian) or state.nominal
+    nothing, named = weigh_models(optimizer, state.nothing, state.fits, len(effects))
+    unknown = optimizer.evaluate_unlisted(state.nothing)
     return ModelSelectionResult(
-        nominal, nothing, unknown, named, tuple(probes), state.coarse.judge, state.in_coarse, state.scatter, descent.judge, descent.evidence
+        nominal,
+        nothing,
+        unknown,
+        named,
+        tuple(probes),
+        state.coarse.likelihood,
+        state.in_coarse,
+        state.scatter,
+        optimizer.likelihood,
+        optimizer.dataset,
     )

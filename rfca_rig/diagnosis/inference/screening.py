@@ -6,8 +6,9 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
-from rfca_rig.diagnosis.config import ALONE, OF_THREE, RESCALED, SIGNED_SHARES, TOGETHER
+from rfca_rig.diagnosis.config import GRID_POINTS, RESCALED
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.inference.map_fit import MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, coordinate_of
@@ -33,7 +34,7 @@ def terms_of(effect: Effect) -> tuple[EffectTerm, ...]:
     return tuple(EffectTerm(effect, tuple(combination)) for combination in product(*values))
 
 
-def probe_effects(evidence: Dataset, base: MapFit, choices: Sequence[EffectTerm]) -> list[EffectProbe]:
+def probe_effects(dataset: Dataset, base: MapFit, choices: Sequence[EffectTerm]) -> list[EffectProbe]:
     """All choices over a coarse grid of their parameters, on top of what `base` has already; those without an answer are left out."""
     points = [(choice, z) for choice in choices for z in grid_of(choice)]
     coordinates = base.coordinates
@@ -41,33 +42,26 @@ def probe_effects(evidence: Dataset, base: MapFit, choices: Sequence[EffectTerm]
     for choice, z in points:
         wider = coordinates.with_terms((*coordinates.choices, choice))
         supposed.append(wider.supposed(np.concatenate([base.x, z])))
-    found = evidence.predicted_all(supposed)
+    found = dataset.predicted_all(supposed)
     return [EffectProbe(c, z, there - base.predicted) for (c, z), there in zip(points, found, strict=True) if there is not None]
 
 
 def grid_of(choice: EffectTerm) -> list[Floats]:
-    """The places where a choice is tried, each (p,): what the effect says itself, or a coarse grid.
+    """The places where a choice is tried, each (p,): what the effect says itself, or the middles of equally probable parts of its prior.
 
-    Shape parameters begin at their starts, or at their neutral value; what swings begins at rest.
+    Where an effect counts something, each count is a choice of its own, and the other sizes begin at their middle. Shape parameters begin
+    at their starts, or at their neutral value; what swings begins at rest.
     """
     free, at_rest = choice.sizes, (0.0,) * len(choice.effect.begins)
-    usual = TOGETHER if len(free) == 2 else OF_THREE
-    starts = [_starts(parameter) or (_alone(parameter) if len(free) == 1 else usual) for parameter in free]
-    if choice.whole:
-        starts = [(0.3,) for _ in free]
+    points = 1 if choice.whole else max(GRID_POINTS + 1 - len(free), 2)
+    middles = tuple(ndtri((np.arange(points) + 0.5) / points).tolist())
+    starts = [_starts(parameter) or middles for parameter in free]
     shapes = [_starts(parameter) or (coordinate_of(parameter, parameter.neutral),) for parameter in choice.effect.shape]
     return [np.array((*point, *at_rest)) for point in product(*starts, *shapes)]
 
 
 def _starts(parameter: Parameter) -> tuple[float, ...]:
     return tuple(coordinate_of(parameter, value) for value in parameter.starts)
-
-
-def _alone(parameter: Parameter) -> tuple[float, ...]:
-    """Both signs of one that has two; for one about a value that changes nothing, as a gain, both sides of it."""
-    if parameter.low < 0.0 < parameter.high or parameter.high / max(parameter.low, 1e-300) <= 2.0:
-        return tuple(4.0 * share * 0.5 for share in SIGNED_SHARES)
-    return ALONE
 
 
 @dataclass(frozen=True)

@@ -42,5 +42,5 @@ def excluded_by_tracking(shafts: Sequence[ShaftCondition], rig: RigModel, effect
     shafts = [shafts[number] for number in spread(len(shafts), DEFAULT_SEARCH.coarse_conditions)]
     dataset, coordinates = leg_dataset(shafts), Parameterization(nuisances_of_drive(rig, Supposed(rig)))
     base = without_scatter(dataset).at(coordinates, np.zeros(coordinates.size))
-    trials = [] if base is None else probe_effects(dataset, base, [term for effect in wanted for term in terms_of(effect)])
-    return find_detection_limits(wanted, trials, _TrackingError(shafts, rig.drive.ramp_s), rig, needed=1.0)
+    probes = [] if base is None else probe_effects(dataset, base, [term for effect in wanted for term in terms_of(effect)])
+    return find_detection_limits(wanted, probes, _TrackingError(shafts, rig.drive.ramp_s), rig, needed=1.0)

@@ -10,6 +10,7 @@ from rfca_rig.analysis.counterpart import GRID_S, LONGER
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.decision.decide import Decision, join_decisions
 from rfca_rig.diagnosis.experiment_design.leg_experiment import next_experiment
 from rfca_rig.diagnosis.figures import overlays
@@ -21,19 +22,17 @@ from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch, lone
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, StatedPlace
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data, nuisance_values, present_effects
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.effect import Effect
 from rfca_rig.model.stroke import stroke_following
 from rfca_rig.protocol.plan import Limits
 
 if TYPE_CHECKING:
     from rfca_rig.diagnosis.diagnose import Findings, PreparedData
 
-FEWEST_CONDITIONS = 3
 SHOWS = 3.0  # standard deviations
 DYNAMIC = "dynamic"
 
 
-def build_leg_result(body: "PreparedData", verdicts: "Findings", effects: Sequence[Effect], limits: Limits | None) -> Diagnosis:
+def build_leg_result(body: "PreparedData", verdicts: "Findings", limits: Limits | None) -> Diagnosis:
     """The whole answer; `limits` are those of the rig that the next experiment is for, where one is known."""
     leg, decision = verdicts.leg, verdicts.leg_decision
     enough = len(body.flaps) >= FEWEST_CONDITIONS
@@ -41,15 +40,15 @@ def build_leg_result(body: "PreparedData", verdicts: "Findings", effects: Sequen
         decision = not_enough_data(leg, f"{len(body.flaps)} usable conditions, {FEWEST_CONDITIONS} are needed")
     elif verdicts.drive_decision is not None:
         decision = join_decisions(decision, verdicts.drive_decision)
-    result = build_result(body.title, leg, decision, effects, DYNAMIC)
+    result = build_result(body.title, leg, decision, verdicts.effects, DYNAMIC)
     if enough:
         result = _with_drive(result, decision, verdicts)
     place, free_text = _free_form(decision, verdicts)
-    after = replace(decision.explanation.fitted.coordinates.supposed(decision.explanation.judgement.posterior.mean), rig=result.found_rig)
+    after = replace(decision.explanation.fitted.coordinates.supposed(decision.explanation.marginal.posterior.mean), rig=result.found_rig)
     has_drive = any(effect.id not in decision.explanation.ids for effect in result.found_effects)
     return replace(
         result,
-        valley=valley_errors(body.flaps, leg.believed.coordinates.supposed(leg.believed.x), after, has_drive),
+        valley=valley_errors(body.flaps, leg.nominal.coordinates.supposed(leg.nominal.x), after, has_drive),
         unexplained=(*result.unexplained, *free_text),
         remarks=(*body.remarks, *_remarks(body, leg), *_late(body, verdicts)),
         next_experiment=next_experiment(body, verdicts, enough, limits),
@@ -68,11 +67,11 @@ def _with_drive(result: Diagnosis, decision: Decision, verdicts: "Findings") -> 
     drive, of_drive = verdicts.drive, verdicts.drive_decision
     if drive is None or of_drive is None:
         return result
-    cells, places = locate_mismatch(drive.evidence.rows, drive.believed, drive.judge)
+    cells, places = locate_mismatch(drive.dataset.rows, drive.nominal, drive.likelihood)
     found = present_effects(of_drive.explanation) if of_drive.effects else ()
     rig = result.found_rig
     if found:
-        rig = replace(rig, drive=drive.believed.coordinates.space.centre.rig.drive, effects=(*rig.effects, *found))
+        rig = replace(rig, drive=drive.nominal.coordinates.space.centre.rig.drive, effects=(*rig.effects, *found))
     left = any(one.grade == "unexplained" for one in (verdicts.leg_decision, of_drive)) and decision.grade != "unexplained"
     return replace(
         result,
@@ -97,7 +96,7 @@ def _free_form(decision: Decision, verdicts: "Findings") -> tuple[StatedPlace | 
 
 
 def _remarks(body: "PreparedData", leg: ModelSelectionResult) -> tuple[str, ...]:
-    alone = lone_channel(leg.evidence.rows, leg.nothing.fitted, leg.judge)
+    alone = lone_channel(leg.dataset.rows, leg.nothing.fitted, leg.likelihood)
     channel = (f"only {alone} parts: without it nothing is missing, which speaks for the sensor",) if alone else ()
     shaft = () if body.as_commanded else ("the shaft did not turn as commanded; the forces are compared along its recorded turn",)
     return (*channel, *shaft)

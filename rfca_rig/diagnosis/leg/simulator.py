@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
 from rfca_rig.analysis.fitting.scatter import USUAL
 from rfca_rig.analysis.fitting.space import Space
+from rfca_rig.diagnosis.config import USUAL_ERROR, WIDE_STEP
 from rfca_rig.diagnosis.data.dataset import Dataset, make_dataset
 from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable
@@ -23,8 +24,6 @@ Floats = NDArray[np.float64]
 LegCondition = FlapCondition | StageTable | ShaftCondition
 
 MOVES = (StageMoves(1.0, 0.005, HOLD_S), StageMoves(1.0, 0.05, HOLD_S), StageMoves(0.2, 0.2, HOLD_S))
-MODEL_ERROR = 0.01
-STEP = 0.3
 
 
 @dataclass(frozen=True)
@@ -101,11 +100,11 @@ def _with_tables(conditions: tuple[LegCondition, ...], tables: Sequence[StageTab
 
 
 def _log_evidence(tables: Sequence[StageTable], input_at: Callable[[Floats], Supposed], x: Floats) -> float:
-    evidence = leg_dataset(tables)
-    rows = evidence.rows
-    here, *moved = evidence.predicted_all([input_at(point) for point in (x, *(x + STEP * unit for unit in np.eye(len(x))))])
+    dataset = leg_dataset(tables)
+    rows = dataset.rows
+    here, *moved = dataset.predicted_all([input_at(point) for point in (x, *(x + WIDE_STEP * unit for unit in np.eye(len(x))))])
     if here is None:
         return -np.inf
-    jacobian = np.column_stack([np.zeros(len(here)) if m is None else (m - here) / STEP for m in moved])
-    whitening = factored(np.diag(rows.noise**2) + MODEL_ERROR**2 * discrepancy(rows))
+    jacobian = np.column_stack([np.zeros(len(here)) if m is None else (m - here) / WIDE_STEP for m in moved])
+    whitening = factored(np.diag(rows.noise**2) + USUAL_ERROR**2 * discrepancy(rows))
     return laplace_posterior(Linear(rows.measured - here + jacobian @ x, jacobian), whitening).log_evidence

@@ -40,7 +40,7 @@ class StageTable:
     """The stages of one height in their order, moved to as `moves` says.
 
     Where the shaft is not `stopped_as_told`, it may have gone back a little at every stop, and friction holds the tip with a force that
-    nobody can foretell.
+    nobody can predict.
     """
 
     height_m: float
@@ -75,7 +75,7 @@ class StageTable:
         return np.concatenate([*forces, *np.array([stage.hinge_deg for stage in self.stages]).T])
 
     def _held_anyhow(self) -> Floats:
-        """Of each signal, what a tip that is held otherwise than foretold may change in it."""
+        """Of each signal, what a tip that is held otherwise than predicted may change in it."""
         if self.stopped_as_told:
             return np.zeros(len(self.signals))
         friction = HELD_ANYHOW * float(np.sqrt(np.mean([stage.fy_N**2 for stage in self.stages])))

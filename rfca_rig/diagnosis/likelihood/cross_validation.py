@@ -1,7 +1,7 @@
-"""What a hypothesis foretells of each condition when it is fitted to the others.
+"""What a hypothesis predicts of each condition when it is fitted to the others.
 
 With P the inverse covariance of all rows, what the rows o add to what the others say is normal with precision P_oo about what the
-others foretell of them. So the information of the others is J^T P J - (P J)_o^T P_oo^-1 (P J)_o, and no covariance but P is needed.
+others predict of them. So the information of the others is J^T P J - (P J)_o^T P_oo^-1 (P J)_o, and no covariance but P is needed.
 """
 
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 
 def loo_residuals(linear: Linear, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
-    """Measured less foretold (m,), row by row in the signals' units, each condition of `left_out` foretold from all other rows.
+    """Measured less predicted (m,), in the signals' units, each condition of `left_out` predicted from all other rows.
 
     Rows of other conditions are 0.
     """

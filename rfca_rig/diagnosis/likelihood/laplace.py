@@ -44,7 +44,7 @@ def laplace_posterior(linear: Linear, whitening: Whitening) -> Posterior:
 def laplace_posteriors(linear: Linear, whitenings: Sequence[AtError], extra_directions: Floats | None = None) -> list[Posterior]:
     """The same at several model errors of one basis.
 
-    `loose` (m, k) are further directions in which the data may vary by one standard deviation each.
+    `extra_directions` (m, k) are further directions in which the data may vary by one standard deviation each.
     """
     turned = whitenings[0].basis.turned
     target, jacobian = turned(linear.target), turned(linear.jacobian)

@@ -39,7 +39,7 @@ class MarginalLikelihood:
     unknown: tuple[AtError, ...]
 
     def evaluate(self, linear: Linear, extra_directions: Floats | None = None) -> MarginalPosterior:
-        """The hypothesis whose linear model this is, as if nothing else were missing; `loose` as in `linear.posterior_of`."""
+        """The hypothesis whose linear model this is, as if nothing else were missing; `extra_directions` as in `laplace_posteriors`."""
         half_normal = np.log(np.gradient(NAMED_ERRORS)) - 0.5 * (np.array(NAMED_ERRORS) / USUAL_ERROR) ** 2
         return _integrated(self.named, half_normal - logsumexp(half_normal), linear, extra_directions)
 
@@ -65,7 +65,7 @@ class MarginalLikelihood:
 
 
 def make_marginal_likelihood(rows: Observations, scatter: Floats) -> MarginalLikelihood:
-    """The judge of these rows; `scatter` (m, k) as B in `covariance`."""
+    """The marginal likelihood of these rows; `scatter` (m, k) as B in `covariance`."""
     basis = basis_of(rows, scatter)
     return MarginalLikelihood(tuple(AtError(basis, s) for s in NAMED_ERRORS), tuple(AtError(basis, s) for s in UNKNOWN_ERRORS))
 

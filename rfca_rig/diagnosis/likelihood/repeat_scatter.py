@@ -26,34 +26,34 @@ class Scatter:
     columns: Floats
 
 
-def estimate_scatter(evidence: Dataset, at: Any) -> Scatter:
+def estimate_scatter(dataset: Dataset, at: Any) -> Scatter:
     """The scatter around this input of the simulator, usual deviations where repeats are too few to tell."""
-    directions = evidence.simulator.scatter(at, evidence.parts)
-    effect = _effects(evidence, directions)
+    directions = dataset.simulator.scatter(at, dataset.parts)
+    effect = _effects(dataset, directions)
     usual = np.array([direction.std for direction in directions])
-    std = _learnt(evidence, effect, usual)
+    std = _update_by_secant(dataset, effect, usual)
     own = effect * (std / usual)
     own[:, [direction.is_corrected for direction in directions]] = 0.0
-    return Scatter({direction.name: float(s) for direction, s in zip(directions, std, strict=True)}, _per_condition(evidence, own))
+    return Scatter({direction.name: float(s) for direction, s in zip(directions, std, strict=True)}, _per_condition(dataset, own))
 
 
-def _effects(evidence: Dataset, directions: Sequence[ScatterDirection]) -> Floats:
+def _effects(dataset: Dataset, directions: Sequence[ScatterDirection]) -> Floats:
     """What one usual deviation of each does to the rows, (m, k), by central differences."""
-    found = evidence.predicted_all([*(direction.above for direction in directions), *(direction.below for direction in directions)])
-    columns = np.zeros((len(evidence.rows.measured), len(directions)))
+    found = dataset.predicted_all([*(direction.above for direction in directions), *(direction.below for direction in directions)])
+    columns = np.zeros((len(dataset.rows.measured), len(directions)))
     for k, (above, below) in enumerate(zip(found[: len(directions)], found[len(directions) :], strict=True)):
         if above is not None and below is not None:
             columns[:, k] = 0.5 * (above - below)
     return columns
 
 
-def _learnt(evidence: Dataset, effect: Floats, usual: Floats) -> Floats:
+def _update_by_secant(dataset: Dataset, effect: Floats, usual: Floats) -> Floats:
     """From how the repeats of each condition lie about their mean; the mean takes one of them away."""
-    rows = evidence.rows
+    rows = dataset.rows
     residuals: list[Floats] = []
     effects: list[Floats] = []
     repeat: list[NDArray[np.intp]] = []
-    for number, repeats in enumerate(part.repeats for part in evidence.parts):
+    for number, repeats in enumerate(part.repeats for part in dataset.parts):
         here, count = rows.condition == number, len(repeats)
         if count < 2:
             continue
@@ -67,12 +67,12 @@ def _learnt(evidence: Dataset, effect: Floats, usual: Floats) -> Floats:
     return found_scatter(usual, np.concatenate(effects), np.concatenate(residuals), np.concatenate(repeat))
 
 
-def _per_condition(evidence: Dataset, effect: Floats) -> Floats:
+def _per_condition(dataset: Dataset, effect: Floats) -> Floats:
     """One column per condition and quantity: conditions deviate independently, and less the more repeats are averaged."""
-    condition = evidence.rows.condition
+    condition = dataset.rows.condition
     columns = [
         np.where(condition == number, effect[:, k], 0.0) / np.sqrt(len(repeats))
-        for number, repeats in enumerate(part.repeats for part in evidence.parts)
+        for number, repeats in enumerate(part.repeats for part in dataset.parts)
         for k in range(effect.shape[1])
         if np.any(effect[condition == number, k])
     ]

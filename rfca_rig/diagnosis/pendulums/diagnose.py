@@ -7,7 +7,7 @@ from rfca_rig.analysis.swings import TORQUE_ERROR, SwingProblem, swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions
-from rfca_rig.diagnosis.config import USUAL_ERROR
+from rfca_rig.diagnosis.config import FEWEST_CONDITIONS, USUAL_ERROR
 from rfca_rig.diagnosis.decision.decide import Decision, decide
 from rfca_rig.diagnosis.experiment_design.pendulum_experiment import next_swing
 from rfca_rig.diagnosis.figures import held_out
@@ -21,8 +21,6 @@ from rfca_rig.diagnosis.residual_force.stated_law import OF_PENDULUM, check_plac
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
 from rfca_rig.model.effect import Effect
-
-FEWEST_STRETCHES = 3  # as many as a leg needs conditions
 
 
 @algebra_on_one_thread()
@@ -71,10 +69,10 @@ def search_pendulum(problem: SwingProblem, progress: Progress, without: Collecti
 
 def _build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decision: Decision, effects: Sequence[Effect]) -> Diagnosis:
     """The common answer, with its held-out stretches and its next experiment."""
-    stretches = len(found.evidence.parts)
-    enough = stretches >= FEWEST_STRETCHES
+    stretches = len(found.dataset.parts)
+    enough = stretches >= FEWEST_CONDITIONS
     if not enough:
-        decision = not_enough_data(found, f"{stretches} stretches of two seconds, {FEWEST_STRETCHES} are needed")
+        decision = not_enough_data(found, f"{stretches} stretches of two seconds, {FEWEST_CONDITIONS} are needed")
     result = build_result(campaign.title, found, decision, effects, SWINGS)
     usual = campaign.known_to.get("torque_error_relative", TORQUE_ERROR)
     return replace(
@@ -84,7 +82,7 @@ def _build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decis
         settings={
             **result.settings,
             "model_error_assumed": f"half-normal, torques wrong by {100.0 * usual:g} %",
-            "model_error_found": float(found.nothing.judgement.error) * usual / USUAL_ERROR,
+            "model_error_found": float(found.nothing.marginal.error) * usual / USUAL_ERROR,
             "window_s": WINDOW_S,
             "bin_s": BIN_S,
         },

@@ -105,7 +105,7 @@ def fit_pendulum(campaign: PendulumCampaign, progress: Progress, names: Collecti
     stretches = stretches_of(problem)
     space = space_of_pendulum(problem.pendulum, problem.nuisances)
     found = search_models(pendulum_dataset(stretches), Parameterization(space), [], progress)
-    posterior, count = found.nothing.judgement.posterior, len(problem.nuisances)
+    posterior, count = found.nothing.marginal.posterior, len(problem.nuisances)
     shifts = dict(of_pendulum(space.at(posterior.mean[:count])).off)
     std = np.sqrt(np.diag(posterior.covariance))[:count] * space.std
     fitted = tuple(FittedShift(n.name, n.std, shifts[n.name], float(s)) for n, s in zip(problem.nuisances, std, strict=True))
@@ -125,10 +125,10 @@ def _with_nuisances(problem: SwingProblem, names: Collection[str]) -> SwingProbl
 
 def _compare(problem: SwingProblem, stretches: Sequence[Stretch], found: ModelSelectionResult) -> Iterator[tuple[SignalError, Overlay]]:
     """Of each run and each signal, its rows in order of time."""
-    rows, nothing, nominal, fitted = found.evidence.rows, found.nothing, found.believed.predicted, found.nothing.rows
+    rows, nothing, nominal, fitted = found.dataset.rows, found.nothing, found.nominal.predicted, found.nothing.rows
     held_out = None
     if len(stretches) > 1:
-        held_out = loo_residuals(nothing.fitted.linear(rows.measured), nothing.judgement.whitening, rows.condition, range(len(stretches)))
+        held_out = loo_residuals(nothing.fitted.linear(rows.measured), nothing.marginal.whitening, rows.condition, range(len(stretches)))
     run_of_row = np.array([stretch.windows[0].window.run for stretch in stretches])[rows.condition]
     for number, run in enumerate(problem.conditions):
         for signal in stretches[0].signals:

@@ -1,7 +1,7 @@
 """Which of the places explains best what nothing listed explains: each is given any smooth force, and pays for what it uses.
 
-The force of a place is a Gaussian process over the stroke: size and smoothness are integrated out over a grid, and conditions have half of
-it in common, counted by the way from touchdown to valley. So a place that needs little force, smooth and alike everywhere, to explain
+The force of a place is a Gaussian process over the stroke: size and smoothness are integrated out over a grid, and conditions share part of
+it, counted by the way from touchdown to valley. So a place that needs little force, smooth and alike everywhere, to explain
 all channels at once is likelier than one that must be bent to each of them (MacKay, Neural Computation 4 (1992) 415).
 """
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 from scipy.special import logsumexp
 
+from rfca_rig.diagnosis.config import SHARED
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.data.observations import Observations
 from rfca_rig.diagnosis.inference.map_fit import MapFit
@@ -25,7 +26,6 @@ from rfca_rig.diagnosis.residual_force.force_inputs import ForceInput, NominalCo
 
 Floats = NDArray[np.float64]
 
-IN_COMMON = 0.5
 LARGER_ERRORS = (0.03, 0.12)
 SMOOTH_OVER_S = (0.02, 0.05, 0.15, 0.6)
 SIZES = tuple(0.01 * 3.0**k for k in range(7))  # of the place's plausible size
@@ -43,13 +43,13 @@ class Scene:
     rows: Observations
     target: Floats
     jacobian: Floats
-    judge: MarginalLikelihood
+    likelihood: MarginalLikelihood
     conditions: tuple[NominalCondition, ...]
 
     @property
     def whitenings(self) -> tuple[AtError, ...]:
         """At the usual model error, and at larger ones: a great force does not act in proportion to its size."""
-        return (self.judge.usual, *(w for w in self.judge.unknown if w.s in LARGER_ERRORS))
+        return (self.likelihood.usual, *(w for w in self.likelihood.unknown if w.s in LARGER_ERRORS))
 
     @cached_property
     def without(self) -> float:
@@ -91,14 +91,14 @@ class LocalizedForce:
     misfit: dict[str, float]
 
 
-def scene_of(evidence: Dataset, nothing: MapFit, scatter: Floats) -> Scene:
+def scene_of(dataset: Dataset, nothing: MapFit, scatter: Floats) -> Scene:
     """The scene around `nothing`; `scatter` (m, k) as in `covariance`. Raises SimulationFailed."""
-    flaps = [flap.until(flap.phases.valley_s + AFTER_VALLEY_S) for flap in flaps_of(evidence.parts)]
+    flaps = [flap.until(flap.phases.valley_s + AFTER_VALLEY_S) for flap in flaps_of(dataset.parts)]
     ends_s = np.array([flap.t_s[-1] for flap in flaps])
-    dynamic = evidence.rows.experiment == "dynamic"
-    kept = dynamic & (evidence.rows.t_s < ends_s[np.where(dynamic, evidence.rows.condition, 0)])
-    rows = _kept(evidence.rows, kept)
-    linear = nothing.linear(evidence.rows.measured).kept(kept)
+    dynamic = dataset.rows.experiment == "dynamic"
+    kept = dynamic & (dataset.rows.t_s < ends_s[np.where(dynamic, dataset.rows.condition, 0)])
+    rows = _kept(dataset.rows, kept)
+    linear = nothing.linear(dataset.rows.measured).kept(kept)
     conditions = nominal_conditions(flaps, nothing.coordinates.supposed(nothing.x))
     return Scene(rows, linear.target, linear.jacobian, make_marginal_likelihood(rows, scatter[kept]), conditions)
 
@@ -128,7 +128,7 @@ def localize_force(scene: Scene, place: ForceInput, responses: Sequence[Floats])
 
 def misfit_of(scene: Scene, x: Floats, pushed: Floats) -> dict[str, float]:
     """Mean square of what is left over what is expected, in each channel."""
-    square = (scene.target - scene.jacobian @ x - pushed) ** 2 / scene.judge.usual.variance()
+    square = (scene.target - scene.jacobian @ x - pushed) ** 2 / scene.likelihood.usual.variance()
     return {str(name): float(square[scene.rows.signal == name].mean()) for name in np.unique(scene.rows.signal)}
 
 
@@ -194,7 +194,7 @@ def _roots(conditions: Sequence[NominalCondition]) -> list[Floats]:
     way_s = [here.flap.phases.valley_s - here.flap.phases.touchdown_s for here in conditions]
     at = [(h.bumps.centres_s - h.flap.phases.touchdown_s) / way * np.mean(way_s) for h, way in zip(conditions, way_s, strict=True)]
     t, condition = np.concatenate(at), np.repeat(np.arange(len(at)), [len(a) for a in at])
-    together = np.where(condition[:, None] == condition, 1.0, IN_COMMON)
+    together = np.where(condition[:, None] == condition, 1.0, SHARED)
     return [_root(np.exp(-0.5 * ((t[:, None] - t) / over) ** 2) * together) for over in SMOOTH_OVER_S]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp, softmax
 
+from rfca_rig.diagnosis.config import AS_GOOD, DOMINANT, NEAR, SURE
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.leg.simulator import flaps_of
 from rfca_rig.diagnosis.residual_force.force_localization import LocalizedForce, Scene, localize_force, scene_of
@@ -17,14 +18,8 @@ from rfca_rig.diagnosis.result import StatedPlace
 
 Floats = NDArray[np.float64]
 
-AS_GOOD = 3.0  # log evidence within which these data do not tell two places apart
 EXPLAINS = 2.0  # mean square over what is expected, up to which a channel counts as explained;
 MOSTLY = 0.9  # a great force, which the leg does not answer in proportion, must take away this share of the misfit
-HALF = 0.5  # of what the free force takes away, or a formula is not worth its name
-SURE = 0.9  # probability from which a part is stated
-# Of the parts that were stated in benchmark cases, about one in ten was wrong, by hundreds of log evidence: the response is linear
-MOST_SURE = 0.9
-NEAR = 150.0  # log evidence below the best place within which a place is tried with formulas too
 
 
 @dataclass(frozen=True)
@@ -58,9 +53,9 @@ class Candidate:
 
 def free_form(found: ModelSelectionResult) -> FreeForm | None:
     """The answer for a search that named nothing; None where no stroke was recorded. Raises SimulationFailed."""
-    if not flaps_of(found.evidence.parts):
+    if not flaps_of(found.dataset.parts):
         return None
-    ranked = candidates(scene_of(found.evidence, found.nothing.fitted, found.scatter.columns))
+    ranked = candidates(scene_of(found.dataset, found.nothing.fitted, found.scatter.columns))
     best = ranked[0]
     return FreeForm(
         place=best.placed.place.id,
@@ -79,7 +74,7 @@ def candidates(scene: Scene) -> tuple[Candidate, ...]:
     best = max(one.log_evidence for one in free)
     near = [one for one in free if one.log_evidence > best - NEAR]
     laws = sparse_laws(scene, [(one.place, responses[one.place.id]) for one in near])
-    lasting = {one.place.id: law for one, law in zip(near, laws, strict=True) if law.explained > HALF * one.explained["all"]}
+    lasting = {one.place.id: law for one, law in zip(near, laws, strict=True) if law.explained > DOMINANT * one.explained["all"]}
     found = [Candidate(one, lasting.get(one.place.id, SparseLaw())) for one in free]
     return tuple(sorted(found, key=lambda one: -one.log_evidence))
 
@@ -109,7 +104,8 @@ def _text(ranked: Sequence[Candidate]) -> str:
 def place_of(free: FreeForm) -> StatedPlace | None:
     """The part of the rig where something acts: all parts are equally probable a priori, and so are the force inputs of each.
 
-    None where no force input explains the misfit, or where the part of the best one is not the most probable by SURE.
+    None where no force input explains the misfit, or where the part of the best one is less probable than SURE. Of the parts that were
+    stated in benchmark cases one in ten was wrong, by hundreds of log evidence, since responses are linear: no more than SURE is stated.
     """
     of_each: dict[str, list[float]] = {}
     for name, log_evidence in free.ranking:
@@ -120,7 +116,7 @@ def place_of(free: FreeForm) -> StatedPlace | None:
     probability = float(weights[parts.index(best)])
     if not free.is_located or probability < SURE:
         return None
-    return StatedPlace(best, free.words, min(probability, MOST_SURE))
+    return StatedPlace(best, free.words, SURE)
 
 
 def _group(force_input: str) -> str:

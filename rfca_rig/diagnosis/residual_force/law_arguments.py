@@ -58,10 +58,10 @@ def arguments_at(place: str) -> tuple[str, ...]:
     return (f"reading_{place.split('_')[1]}", "time_s", "shaft_angle_rad")
 
 
-def courses(evidence: Dataset, supposed: Supposed, place: str, argument: str) -> list[Course]:
+def courses(dataset: Dataset, supposed: Supposed, place: str, argument: str) -> list[Course]:
     """The argument over every condition that moves, as the model has it. Raises SimulationFailed, and BadInput where none moves."""
-    found = [course_of_stroke(flap, supposed, place, argument) for flap in flaps_of(evidence.parts)]
-    found += [each for part in evidence.parts if isinstance(part, Stretch) for each in course_of_stretch(part, supposed, place, argument)]
+    found = [course_of_stroke(flap, supposed, place, argument) for flap in flaps_of(dataset.parts)]
+    found += [each for part in dataset.parts if isinstance(part, Stretch) for each in course_of_stretch(part, supposed, place, argument)]
     if not found:
         raise BadInput(f"no recording moves, so that a law of {argument} at {place} cannot be measured; record strokes")
     return found
@@ -89,11 +89,11 @@ def knots_over(visited: tuple[float, float], argument: str) -> Floats:
     return np.asarray(scale * np.sinh(np.append(below, above[1:])))
 
 
-def own_law(evidence: Dataset, supposed: Supposed, place: str, argument: str, u: Floats) -> Floats | None:
+def own_law(dataset: Dataset, supposed: Supposed, place: str, argument: str, u: Floats) -> Floats | None:
     """What the model has at the place already, at the arguments `u` (k,), with its base effects left aside; None where it has nothing."""
     leg, ground = supposed.rig.leg, supposed.rig.ground
     if place.startswith("joint"):
-        return _own_of_joint(evidence, supposed, place, argument, u)
+        return _own_of_joint(dataset, supposed, place, argument, u)
     laws: dict[str, Callable[[], Floats]] = {
         "rate_rad_s": lambda: leg.hinge_damping_Nm_s_per_rad * u,
         "angle_rad": lambda: leg.k0_Nm_per_rad * u * (1.0 + leg.k2_per_rad2 * u**2),
@@ -109,8 +109,8 @@ def with_own(place: str, own: Floats, values: Floats) -> Floats:
     return np.asarray(own * (1.0 + values) if place == "floor_friction" else own + values)
 
 
-def _own_of_joint(evidence: Dataset, supposed: Supposed, place: str, argument: str, u: Floats) -> Floats | None:
-    stretch = next(part for part in evidence.parts if isinstance(part, Stretch))
+def _own_of_joint(dataset: Dataset, supposed: Supposed, place: str, argument: str, u: Floats) -> Floats | None:
+    stretch = next(part for part in dataset.parts if isinstance(part, Stretch))
     links = shifted(stretch.pendulum, dict(of_pendulum(supposed).off)).links
     number = "1" if len(links) == 1 else place.removeprefix("joint")
     if argument != "rate_rad_s" or not number.isdecimal():

@@ -54,7 +54,7 @@ def detect_memory(found: ModelSelectionResult, linear: Linear, supposed: Suppose
     """
     plausible = PLAUSIBLE[kind_of(table.place, table.argument).unit]
     responses = _responses(found, supposed, table, plausible) + _of_stages(found, table, slopes)
-    whitening, knots = found.judge.level(linear), np.array(table.knots)
+    whitening, knots = found.likelihood.level(linear), np.array(table.knots)
     none = laplace_posterior(linear, whitening).log_evidence
     best, root = None, np.empty(0)
     for size, roughness in product(SIZES, ROUGHNESS):
@@ -73,10 +73,10 @@ def detect_memory(found: ModelSelectionResult, linear: Linear, supposed: Suppose
 
 def _responses(found: ModelSelectionResult, supposed: Supposed, table: LawTable, size: float) -> Floats:
     """What a unit of g at each knot does to all rows, (m, k)."""
-    rows, count = found.evidence.rows, len(table.knots)
-    jobs = [(number, part, knot) for number, part in enumerate(found.evidence.parts) for knot in range(count)]
+    rows, count = found.dataset.rows, len(table.knots)
+    jobs = [(number, part, knot) for number, part in enumerate(found.dataset.parts) for knot in range(count)]
     of_strokes = {
-        number: _Stroke.of(part, supposed, table) for number, part in enumerate(found.evidence.parts) if isinstance(part, FlapCondition)
+        number: _Stroke.of(part, supposed, table) for number, part in enumerate(found.dataset.parts) if isinstance(part, FlapCondition)
     }
 
     def response(job: tuple[int, Any, int]) -> Floats | None:
@@ -95,7 +95,7 @@ def _responses(found: ModelSelectionResult, supposed: Supposed, table: LawTable,
 
 def _of_stages(found: ModelSelectionResult, table: LawTable, slopes: Floats) -> Floats:
     """The same at static stages, where a bend grows while loading; no rate is left there."""
-    rows = found.evidence.rows
+    rows = found.dataset.rows
     turn = np.where(rows.experiment == "static", np.where(rows.phase == "loading", 1.0, -1.0), 0.0)
     grows = np.sign(table.knots) if table.argument in BENDING else np.zeros(len(table.knots))
     return np.asarray(turn[:, None] * slopes * grows)

@@ -112,7 +112,7 @@ def with_memory_test(found: ModelSelectionResult, law: MeasuredLaw) -> MeasuredL
     """The law with the answer whether it has memory. Raises SimulationFailed where the model has no answer."""
     fitted, table = law.hypothesis.fitted, law.present.table
     assert table is not None
-    linear, supposed = fitted.linear(found.evidence.rows.measured), fitted.coordinates.supposed(fitted.x)
+    linear, supposed = fitted.linear(found.dataset.rows.measured), fitted.coordinates.supposed(fitted.x)
     term, part = _term_of(fitted)
     slopes = fitted.jacobian[:, part] @ np.linalg.inv(np.array(term.root))
     return replace(law, memory=detect_memory(found, linear, supposed, table, slopes))
@@ -125,18 +125,18 @@ def base_without(found: ModelSelectionResult, hypothesis: Hypothesis, effect: st
     """
     if effect not in hypothesis.ids:
         raise BadInput(f"effect {effect}: is not in the hypothesis, which has {', '.join(hypothesis.ids) or 'none'}")
-    descent = GaussNewton(found.evidence, found.judge)
-    rest = descent.without(hypothesis.fitted, hypothesis.ids.index(effect))
+    optimizer = GaussNewton(found.dataset, found.likelihood)
+    rest = optimizer.without(hypothesis.fitted, hypothesis.ids.index(effect))
     if rest is None:
         raise SimulationFailed(f"the model has no answer without {effect}")
-    return _hypothesis(descent, descent.converge(descent.refine(rest)))
+    return _hypothesis(optimizer, optimizer.converge(optimizer.refine(rest)))
 
 
 def fit_law(found: ModelSelectionResult, place: str, argument: str, base: Hypothesis, begin: Start | None = None) -> MeasuredLaw | None:
     """The law of one argument; None where the argument hardly changes, or where the model has no answer."""
-    kind, descent = kind_of(place, argument), GaussNewton(found.evidence, found.judge)
+    kind, optimizer = kind_of(place, argument), GaussNewton(found.dataset, found.likelihood)
     supposed = base.fitted.coordinates.supposed(base.fitted.x)
-    visited = visited_range(courses(found.evidence, supposed, place, argument))
+    visited = visited_range(courses(found.dataset, supposed, place, argument))
     if visited[1] - visited[0] < 1e-9:
         return None
     knots = knots_over(visited, argument)
@@ -148,14 +148,14 @@ def fit_law(found: ModelSelectionResult, place: str, argument: str, base: Hypoth
     if begin is not None and (values := begin.values(argument, knots)) is not None:
         starts.append(np.append(begin.x, np.linalg.solve(np.array(first.root), values)))
     for x in starts:
-        start = descent.at(coordinates, x)
+        start = optimizer.at(coordinates, x)
         if start is not None:
-            here = _with_likeliest_prior(descent, descent.refine(start, LEVELS, ROUNDS), PLAUSIBLE[kind.unit])
-            fits.append(descent.refine(here, LEVELS, ROUNDS))
+            here = _with_likeliest_prior(optimizer, optimizer.refine(start, LEVELS, ROUNDS), PLAUSIBLE[kind.unit])
+            fits.append(optimizer.refine(here, LEVELS, ROUNDS))
     if not fits:
         return None
-    best = descent.converge(max(fits, key=descent.log_evidence), CONVERGE)
-    return _measured(found, base, _hypothesis(descent, best), visited)
+    best = optimizer.converge(max(fits, key=optimizer.log_evidence), CONVERGE)
+    return _measured(found, base, _hypothesis(optimizer, best), visited)
 
 
 def _term(place: str, argument: str, knots: Floats, size: float, roughness: float) -> TableTerm:
@@ -165,21 +165,21 @@ def _term(place: str, argument: str, knots: Floats, size: float, roughness: floa
     return TableTerm(effect_of_table(table), (), place, argument, table.knots, rows)
 
 
-def _with_likeliest_prior(descent: GaussNewton, here: MapFit, plausible: float) -> MapFit:
+def _with_likeliest_prior(optimizer: GaussNewton, here: MapFit, plausible: float) -> MapFit:
     """The fit at the same place with the size and roughness of the greatest evidence, by the slopes that it has."""
     term, part = _term_of(here)
     root = np.array(term.root)
     knots, law, slopes = np.array(term.knots), root @ here.x[part], here.jacobian[:, part] @ np.linalg.inv(root)
-    target = here.linear(descent.evidence.rows.measured).target
+    target = here.linear(optimizer.dataset.rows.measured).target
     best, most = here, -np.inf
     for size, roughness in product(SIZES, ROUGHNESS):
         other = _term(term.place, term.argument, knots, size * plausible, roughness)
         jacobian = np.column_stack([here.jacobian[:, : part.start], slopes @ np.array(other.root)])
-        log_evidence = descent.judge.evaluate(Linear(target, jacobian)).log_evidence
+        log_evidence = optimizer.likelihood.evaluate(Linear(target, jacobian)).log_evidence
         if log_evidence > most:
             coordinates = here.coordinates.with_terms((*here.coordinates.choices[:-1], other))
             x = np.append(here.x[: part.start], np.linalg.solve(np.array(other.root), law))
-            size_of = np.linalg.norm(descent.judge.usual(jacobian), axis=0)
+            size_of = np.linalg.norm(optimizer.likelihood.usual(jacobian), axis=0)
             best, most = replace(here, coordinates=coordinates, x=x, jacobian=jacobian, size=size_of), log_evidence
     return best
 
@@ -191,12 +191,12 @@ def _term_of(fitted: MapFit) -> tuple[TableTerm, slice]:
     return term, fitted.coordinates.part(len(fitted.coordinates.choices) - 1)
 
 
-def _hypothesis(descent: GaussNewton, fitted: MapFit) -> Hypothesis:
-    return Hypothesis(fitted.ids, fitted, descent.evaluate(fitted), 0.0)
+def _hypothesis(optimizer: GaussNewton, fitted: MapFit) -> Hypothesis:
+    return Hypothesis(fitted.ids, fitted, optimizer.evaluate(fitted), 0.0)
 
 
 def _measured(found: ModelSelectionResult, base: Hypothesis, law: Hypothesis, visited: tuple[float, float]) -> MeasuredLaw:
-    (term, part), posterior = _term_of(law.fitted), law.judgement.posterior
+    (term, part), posterior = _term_of(law.fitted), law.marginal.posterior
     kind = kind_of(term.place, term.argument)
     values, knots = term.values(posterior.mean[part]), np.array(term.knots)
     covariances = (_covariance(found, law), _jackknife_covariance(found, law))
@@ -216,7 +216,7 @@ def _measured(found: ModelSelectionResult, base: Hypothesis, law: Hypothesis, vi
         visited=visited,
         explained=1.0 - after / before,
         log_density_gain=densities[1] - densities[0],
-        log_evidence_gain=law.judgement.log_evidence - base.judgement.log_evidence,
+        log_evidence_gain=law.marginal.log_evidence - base.marginal.log_evidence,
         base=base.ids,
         hypothesis=law,
     )
@@ -237,14 +237,14 @@ def _to_values(size: int, part: slice, root: Floats) -> Floats:
 def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
     """Of nuisances and values about the estimate, over all sizes and degrees of roughness of the prior as far as the evidence has them."""
     term, part = _term_of(law.fitted)
-    linear, root = law.fitted.linear(found.evidence.rows.measured), np.array(term.root)
+    linear, root = law.fitted.linear(found.dataset.rows.measured), np.array(term.root)
     plausible, knots = PLAUSIBLE[kind_of(term.place, term.argument).unit], np.array(term.knots)
     slopes = linear.jacobian[:, part] @ np.linalg.inv(root)
-    estimate = _to_values(len(law.fitted.x), part, root) @ law.judgement.posterior.mean
+    estimate = _to_values(len(law.fitted.x), part, root) @ law.marginal.posterior.mean
     logs, moments = [], []
     for size, roughness in product(SIZES, ROUGHNESS):
         other = root_of(knots, size * plausible, roughness, term.argument in ZERO_AT_ZERO)
-        judged = found.judge.evaluate(Linear(linear.target, np.column_stack([linear.jacobian[:, : part.start], slopes @ other])))
+        judged = found.likelihood.evaluate(Linear(linear.target, np.column_stack([linear.jacobian[:, : part.start], slopes @ other])))
         turn = _to_values(len(estimate), part, other)
         off = turn @ judged.posterior.mean - estimate
         logs.append(judged.log_evidence)
@@ -255,7 +255,7 @@ def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
 
 def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
     """The same from how the estimate moves when each condition in turn is taken out (Efron, SIAM 1982)."""
-    rows, whitening = found.evidence.rows, law.judgement.whitening
+    rows, whitening = found.dataset.rows, law.marginal.whitening
     linear, out = law.fitted.linear(rows.measured), _held_out_conditions(found)
     both = np.column_stack([linear.jacobian, linear.target])
     weighed, unit = whitening.weighted(both), np.eye(linear.jacobian.shape[1])
@@ -271,11 +271,11 @@ def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Float
 
 def _whole(found: ModelSelectionResult, law: Hypothesis, covariances: Sequence[Floats]) -> tuple[Floats, Floats] | None:
     """The law with what the model has there already, and its standard deviations: both move with the nuisances."""
-    coordinates, posterior = law.fitted.coordinates, law.judgement.posterior
+    coordinates, posterior = law.fitted.coordinates, law.marginal.posterior
     term, part = _term_of(law.fitted)
 
     def at(x: Floats) -> Floats | None:
-        own = own_law(found.evidence, coordinates.supposed(x), term.place, term.argument, np.array(term.knots))
+        own = own_law(found.dataset, coordinates.supposed(x), term.place, term.argument, np.array(term.knots))
         return None if own is None else with_own(term.place, own, x[part])
 
     estimate = _to_values(coordinates.size, part, np.array(term.root)) @ posterior.mean
@@ -289,18 +289,18 @@ def _whole(found: ModelSelectionResult, law: Hypothesis, covariances: Sequence[F
 
 def _held_out_conditions(found: ModelSelectionResult) -> list[int]:
     """Those that move; a static table is always among the others."""
-    rows = found.evidence.rows
+    rows = found.dataset.rows
     return sorted({int(number) for number in rows.condition[rows.experiment != "static"]})
 
 
 def _held_out_misfit(found: ModelSelectionResult, hypothesis: Hypothesis) -> float:
     """Sum of squares over what noise and the usual model error leave to be expected, each condition predicted from the others."""
-    rows, out = found.evidence.rows, _held_out_conditions(found)
-    residual = loo_residuals(hypothesis.fitted.linear(rows.measured), found.judge.usual, rows.condition, out)
-    return float((residual**2 / found.judge.usual.variance()).sum())
+    rows, out = found.dataset.rows, _held_out_conditions(found)
+    residual = loo_residuals(hypothesis.fitted.linear(rows.measured), found.likelihood.usual, rows.condition, out)
+    return float((residual**2 / found.likelihood.usual.variance()).sum())
 
 
 def _held_out_log_density(found: ModelSelectionResult, hypothesis: Hypothesis) -> float:
     """Of all conditions, each predicted from the others, at the discrepancy that this hypothesis has."""
-    rows, linear = found.evidence.rows, hypothesis.fitted.linear(found.evidence.rows.measured)
-    return float(loo_log_densities(linear, found.judge.level(linear), rows.condition, _held_out_conditions(found)).sum())
+    rows, linear = found.dataset.rows, hypothesis.fitted.linear(found.dataset.rows.measured)
+    return float(loo_log_densities(linear, found.likelihood.level(linear), rows.condition, _held_out_conditions(found)).sum())

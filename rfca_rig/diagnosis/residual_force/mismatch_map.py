@@ -23,9 +23,9 @@ Floats = NDArray[np.float64]
 CHANCE = 0.01  # family-wise
 
 
-def locate_mismatch(rows: Observations, believed: MapFit, judge: MarginalLikelihood) -> tuple[tuple[Cell, ...], tuple[Located, ...]]:
+def locate_mismatch(rows: Observations, believed: MapFit, likelihood: MarginalLikelihood) -> tuple[tuple[Cell, ...], tuple[Located, ...]]:
     """The whole map, and the places where chance and all allowances do not explain the difference, worst first."""
-    covariance = judge.usual.covariance() + believed.jacobian @ believed.jacobian.T
+    covariance = likelihood.usual.covariance() + believed.jacobian @ believed.jacobian.T
     apart = rows.measured - believed.predicted
     places: dict[tuple[str, str, str], list[NDArray[np.intp]]] = {}
     cells = [(_describe_cell(rows, apart, covariance, of), of) for of in _cells(rows)]
@@ -40,12 +40,12 @@ def locate_mismatch(rows: Observations, believed: MapFit, judge: MarginalLikelih
     return tuple(cell for cell, _ in cells), tuple(sorted(found, key=lambda place: -place.sigmas))
 
 
-def lone_channel(rows: Observations, nothing: MapFit, judge: MarginalLikelihood) -> str | None:
+def lone_channel(rows: Observations, nothing: MapFit, likelihood: MarginalLikelihood) -> str | None:
     """The one signal without which nothing is missing; None where others part as well, or none does.
 
     A sensor at fault changes its own channel and leaves the motion alone; a force that acts on the leg shows in all.
     """
-    covariance = judge.usual.covariance()
+    covariance = likelihood.usual.covariance()
     linear = nothing.linear(rows.measured)
     everything = np.ones(len(rows.measured), dtype=bool)
     if _misfit(linear, covariance, everything) < DEPARTS:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.config import AS_GOOD
 from rfca_rig.diagnosis.data.dataset import THREADS
 from rfca_rig.diagnosis.likelihood.covariance import AtError
 from rfca_rig.diagnosis.residual_force.force_inputs import CHANNELS, ForceInput, NominalCondition, answer
@@ -27,7 +28,6 @@ Floats = NDArray[np.float64]
 TRIED = 0.3  # of a plausible size
 AT_MOST = 3
 KEPT_IN = 0.8
-WORTH = 3.0  # log evidence beyond the choice among the terms
 
 # terms of the hinges that are simulated as a law
 SERIES = ("1", "angle", "|angle|", "angle^3", "sign(rate)", "rate", "rate |rate|", "|angle| sign(rate)")
@@ -126,7 +126,7 @@ def _greedy(system: System, count: int) -> list[int]:
     for _ in range(AT_MOST):
         logs = {k: system.log_evidence(_chosen(count, [*chosen, k])) for k in range(count) if k not in chosen}
         k = max(logs, key=lambda one: logs[one])
-        if logs[k] < best + WORTH + np.log(count):
+        if logs[k] < best + AS_GOOD + np.log(count):
             break
         chosen, best = [*chosen, k], logs[k]
     return chosen

@@ -53,7 +53,7 @@ def measure_stated_law(found: ModelSelectionResult, hypothesis: Hypothesis, plac
     SimulationFailed
         Where the model has no answer with any law there.
     """
-    coordinates, mean = hypothesis.fitted.coordinates, hypothesis.judgement.posterior.mean
+    coordinates, mean = hypothesis.fitted.coordinates, hypothesis.marginal.posterior.mean
     numbers = [number for number, name in enumerate(hypothesis.ids) if _acts_at(name, place)]
     base = hypothesis
     for number in numbers:

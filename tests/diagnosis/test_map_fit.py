@@ -20,22 +20,22 @@ HALF = {"contact_stiffness_relative": 0.5}
 @pytest.fixture(scope="module")
 def found():
     """A soft floor fitted to a leg on one, the believed contact known to a half."""
-    evidence = leg_dataset(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
-    descent = without_scatter(evidence)
+    dataset = leg_dataset(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
+    optimizer = without_scatter(dataset)
     coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO | HALF, 0.0), (EffectTerm(catalogue()["ground_compliance"]),))
     x = np.zeros(coordinates.size)
     x[coordinates.nuisances] = -0.5
-    begun = descent.at(coordinates, x)
+    begun = optimizer.at(coordinates, x)
     assert begun is not None
-    return descent, descent.converge(descent.refine(begun))
+    return optimizer, optimizer.converge(optimizer.refine(begun))
 
 
 def test_only_how_well_the_contact_is_known_says_how_soft_the_floor_is(found):
     """Depths add: k_floor^(-2/3) + k_contact^(-2/3) is all that strokes tell. Half a power of e in the contact is
     0.5 (20000 / k_contact)^(2/3) in the floor.
     """
-    descent, best = found
-    posterior = descent.evaluate(best).posterior
+    optimizer, best = found
+    posterior = optimizer.evaluate(best).posterior
     contact = best.coordinates.space.names.index("contact_stiffness")
     assert np.sqrt(posterior.covariance[contact, contact]) == pytest.approx(1.0, abs=0.1)
     size = best.coordinates.nuisances
@@ -47,27 +47,27 @@ def test_only_how_well_the_contact_is_known_says_how_soft_the_floor_is(found):
 
 
 def test_slopes_that_are_learnt_on_the_way_stay_alike(found):
-    descent, best = found
+    optimizer, best = found
     contact = best.coordinates.space.names.index("contact_stiffness")
     size = best.coordinates.nuisances
     aside = best.predicted + np.random.default_rng(1).normal(size=len(best.predicted))
-    learnt = descent._learnt(best, best.x + 0.1, aside).jacobian
+    learnt = optimizer._update_by_secant(best, best.x + 0.1, aside).jacobian
     cosine = learnt[:, contact] @ learnt[:, size] / (np.linalg.norm(learnt[:, contact]) * np.linalg.norm(learnt[:, size]))
     assert abs(cosine) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_an_effect_and_a_nuisance_that_both_move_nothing_have_no_slope(found):
     """Where the model has no answer to either side; the ratio of the two is none."""
-    descent, best = found
+    optimizer, best = found
     contact, size = best.coordinates.space.names.index("contact_stiffness"), best.coordinates.nuisances
     jacobian = best.jacobian.copy()
     jacobian[:, [contact, size]] = 0.0
-    assert not descent._aligned(best.coordinates, jacobian)[:, [contact, size]].any()
+    assert not optimizer._aligned(best.coordinates, jacobian)[:, [contact, size]].any()
 
 
 def test_a_fit_is_judged_once_by_each_that_judges(found):
     """Searches order by log evidence again and again."""
-    descent, best = found
-    assert descent.evaluate(best) is descent.evaluate(best)
-    other = GaussNewton(descent.evidence, make_marginal_likelihood(descent.evidence.rows, np.ones((len(best.predicted), 1))))
-    assert other.log_evidence(best) != descent.log_evidence(best) != descent.log_evidence(replace(best, predicted=best.predicted + 1.0))
+    optimizer, best = found
+    assert optimizer.evaluate(best) is optimizer.evaluate(best)
+    other = GaussNewton(optimizer.dataset, make_marginal_likelihood(optimizer.dataset.rows, np.ones((len(best.predicted), 1))))
+    assert other.log_evidence(best) != optimizer.log_evidence(best) != optimizer.log_evidence(replace(best, predicted=best.predicted + 1.0))

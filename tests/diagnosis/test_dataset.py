@@ -16,34 +16,34 @@ IN_THE_FLOOR = Supposed(RIG, height_offset_m=-0.4)
 
 
 @pytest.fixture(scope="module")
-def evidence():
+def dataset():
     """Two strokes and a table."""
     strokes = recorded(RIG, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)
     tables = stage_tables(read_at_rest(Supposed(RIG), MOVES[0], (60.0, 90.0, 120.0)), {}, MOVES[0])
     return leg_dataset([*flaps_of(strokes), *tables])
 
 
-def test_the_answer_to_one_question_has_the_conditions_in_their_order(evidence):
+def test_the_answer_to_one_question_has_the_conditions_in_their_order(dataset):
     """Each condition's rows are its own, whichever is ready first."""
-    below_each_other = np.concatenate([part.simulated(STIFF) for part in evidence.parts])
-    assert np.array_equal(evidence.predicted(STIFF), below_each_other)
-    assert [np.array_equal(rows, below_each_other) for rows in evidence.predicted_all([Supposed(RIG), STIFF])] == [False, True]
+    below_each_other = np.concatenate([part.simulated(STIFF) for part in dataset.parts])
+    assert np.array_equal(dataset.predicted(STIFF), below_each_other)
+    assert [np.array_equal(rows, below_each_other) for rows in dataset.predicted_all([Supposed(RIG), STIFF])] == [False, True]
 
 
-def test_where_one_condition_has_no_answer_there_is_none(evidence):
-    assert evidence.predicted(IN_THE_FLOOR) is None
-    assert [rows is None for rows in evidence.predicted_all([IN_THE_FLOOR, STIFF])] == [True, False]
+def test_where_one_condition_has_no_answer_there_is_none(dataset):
+    assert dataset.predicted(IN_THE_FLOOR) is None
+    assert [rows is None for rows in dataset.predicted_all([IN_THE_FLOOR, STIFF])] == [True, False]
 
 
 @pytest.mark.parametrize("changed", [Swing(0.5, 0.3, 1.0), present("sensor_lag", time_constant_s=0.02)])
-def test_a_table_answers_alike_to_what_only_a_stroke_shows(evidence, changed):
+def test_a_table_answers_alike_to_what_only_a_stroke_shows(dataset, changed):
     rig = replace(RIG, swing=changed) if isinstance(changed, Swing) else replace(RIG, effects=(changed,))
-    same = [np.array_equal(part.simulated(Supposed(rig)), part.simulated(Supposed(RIG))) for part in evidence.parts]
+    same = [np.array_equal(part.simulated(Supposed(rig)), part.simulated(Supposed(RIG))) for part in dataset.parts]
     assert same == [False, False, True]
 
 
-def test_a_table_that_was_asked_before_answers_to_what_is_asked_now(evidence):
-    (table,) = tables_of(evidence.parts)
+def test_a_table_that_was_asked_before_answers_to_what_is_asked_now(dataset):
+    (table,) = tables_of(dataset.parts)
     asked = (Supposed(RIG), STIFF, Supposed(RIG, height_offset_m=1e-3), Supposed(RIG, turn_offset_rad=1e-3))
     answers = [table.simulated(supposed) for supposed in (*asked, *asked)]
     assert all(np.array_equal(first, again) for first, again in zip(answers[:4], answers[4:], strict=True))
