@@ -62,6 +62,9 @@ class SearchConfig:
         rank effects as all nine do.
     starts_per_effect
         Grid points from which one effect is fitted beside the nominal model.
+    probed_again
+        Grid points of one effect that are simulated beside another fit than the nominal model: those that promise most there by the
+        signatures that are known.
     singles_coarse, pairs_coarse
         Sets of each size that are fitted on the subset, of those that promise most beside the nominal model.
     beside_nothing
@@ -85,6 +88,7 @@ class SearchConfig:
 
     coarse_conditions: int = 4
     starts_per_effect: int = 2
+    probed_again: int = 8
     singles_coarse: int = 12
     pairs_coarse: int = 10
     beside_nothing: int = 4

@@ -7,11 +7,11 @@ changed on finished searches.
 
 import argparse
 import importlib
+import itertools
 import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, fields
@@ -99,19 +99,28 @@ def answer(exam: Path, change: str, cases: Sequence[str]) -> None:
     from rfca_rig.campaign.opening import open_with_belief
     from rfca_rig.diagnosis.decision.decide import decide
     from rfca_rig.diagnosis.diagnose import find_omissions
+    from rfca_rig.diagnosis.leg.simulator import LegSimulator
+
+    simulations, simulate = itertools.count(), LegSimulator.simulate
+
+    def count_and_simulate(self: LegSimulator, at: Any, condition: Any) -> Any:
+        next(simulations)
+        return simulate(self, at, condition)
+
+    LegSimulator.simulate = count_and_simulate  # type: ignore[method-assign]
 
     on_saved = change.partition("=")[0] in OF_THE_DECISION
     for case in cases:
         path, saved = _answers(exam, change) / f"{case}.json", _answers(exam, BASE) / f"{case}.search"
         if path.exists():
             continue
-        begin = time.process_time()
+        before = next(simulations)
         if on_saved:
             search = cloudpickle.loads(saved.read_bytes())
         else:
             _, findings = find_omissions(open_with_belief([exam / "campaigns" / case]), lambda *_: None)
             search = findings.leg
-        cpu_s = time.process_time() - begin
+        simulated = next(simulations) - before - 1
         if change == BASE:
             saved.write_bytes(cloudpickle.dumps(search))
         found = decide(search)
@@ -124,7 +133,7 @@ def answer(exam: Path, change: str, cases: Sequence[str]) -> None:
             "probability": found.probability,
             "sizes": sizes,
             "log_joint": best.log_joint,
-            "cpu_s": cpu_s,
+            "simulations": simulated,
         }
         path.write_text(json.dumps(said), encoding="utf-8")
 
@@ -149,7 +158,7 @@ def run_all(exam: Path, asked: Sequence[str], cases: Sequence[str]) -> None:
 
 
 def describe(exam: Path, change: str, cases: Sequence[str]) -> str:
-    """One line: answers that differ, how many of them became right or wrong, evidence lost, and CPU time over that as shipped."""
+    """One line: answers that differ, how many of them became right or wrong, evidence lost, and simulations over those as shipped."""
     before, after = (_read(exam, one, cases) for one in (BASE, change))
     truths = {truth.case: set(truth.effects) for truth in map(truth_in, open_all(exam))}
     both = [case for case in cases if case in before and case in after]
@@ -161,9 +170,9 @@ def describe(exam: Path, change: str, cases: Sequence[str]) -> str:
         for old, new in ((before, after), (after, before))
     )
     lost = max(before[case]["log_joint"] - after[case]["log_joint"] for case in both)
-    cpu = sum(after[case]["cpu_s"] for case in both) / max(sum(before[case]["cpu_s"] for case in both), 1e-9)
+    cost = sum(after[case]["simulations"] for case in both) / max(sum(before[case]["simulations"] for case in both), 1)
     detail = "; ".join(f"{case[-2:]} {_words(before[case])} -> {_words(after[case])}" for case in differ)
-    counted = f"{len(differ)} of {len(both)} differ, {better} better, {worse} worse; evidence lost {lost:.1f}; CPU {cpu:.2f}"
+    counted = f"{len(differ)} of {len(both)} differ, {better} better, {worse} worse; evidence lost {lost:.1f}; simulations {cost:.2f}"
     return f"{change:32s} {counted}; {detail}"
 
 

@@ -1,6 +1,7 @@
 """The search over hypotheses, on strokes of a simulated leg."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +10,8 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.config import SearchConfig
 from rfca_rig.diagnosis.inference import model_selection
 from rfca_rig.diagnosis.inference.model_selection import search_models
-from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.inference.screening import grid_of, terms_of
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.inference.screening import EffectProbe, grid_of, grid_points, promising_points, terms_of
 from rfca_rig.diagnosis.leg.nuisances import nuisances_of
 from rfca_rig.diagnosis.leg.simulator import MOVES, leg_dataset, tables_of
 from rfca_rig.diagnosis.leg.stages import stage_tables
@@ -67,16 +68,34 @@ def test_the_static_approach_is_learnt_from_what_fits_well():
     assert found.named[0].ids == ("tip_mass",)
 
 
+def points_of(*names):
+    return grid_points(term for name in names for term in terms_of(catalogue()[name]))
+
+
+def exchange(state, *names):
+    probes = model_selection._screen(state, state.nominal, points_of(*names)).probes
+    return model_selection._exchange(state, probes, SearchConfig())
+
+
+def test_an_effect_is_probed_again_where_it_promised_most():
+    probes = [
+        EffectProbe(EffectTerm(catalogue()["tip_mass"]), np.array([z]), np.array([gain]))
+        for z, gain in ((-1.0, 2.0), (0.0, 3.0), (1.0, 1.0))
+    ]
+    by_size = SimpleNamespace(gain=lambda signature: (float(signature[0]), 1.0))
+    assert [float(z[0]) for _, z in promising_points(by_size, probes, 2)] == [0.0, -1.0]
+
+
 def test_an_effect_promises_what_it_does_though_nuisance_parameters_are_off():
     """A softer torque curve, the spring 6 % stiffer than stated and the height 0.4 mm off."""
     leg = replace(RIG.leg, k0_Nm_per_rad=1.06 * RIG.leg.k0_Nm_per_rad)
     rig = replace(RIG, leg=leg, effects=(present("stiffness_hardening", k2_per_rad2=3.8),))
     flaps = flaps_of(recorded(rig, [(height_mm - 0.4, speed) for height_mm, speed in CONDITIONS], with_shaft=False))
     parts = [replace(flap, height_m=flap.height_m + 4e-4) for flap in flaps]
-    state = model_selection._begin(leg_dataset(parts), Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0)), SearchConfig())
+    state = model_selection._fit_nominal(leg_dataset(parts), Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0)), SearchConfig())
 
     def promise(base, name):
-        screen = model_selection._screen(state, base, terms_of(catalogue()[name]))
+        screen = model_selection._screen(state, base, points_of(name))
         return max(screen.projection.gain(probe.signature)[0] for probe in screen.probes)
 
     names, bases = ("stiffness_hardening", "spring_hysteresis"), (state.nothing, state.nominal)
@@ -94,15 +113,14 @@ def looped():
     parts = flaps_of(recorded(replace(RIG, effects=(DRY,)), CONDITIONS, with_shaft=False))
     coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0))
     config = SearchConfig()
-    state = model_selection._begin(leg_dataset(parts), coordinates, config)
+    state = model_selection._fit_nominal(leg_dataset(parts), coordinates, config)
     (loop,) = terms_of(catalogue()["spring_hysteresis"])
     start = model_selection.Start((loop,), np.concatenate([state.nothing.x, grid_of(loop)[0]]), state.nothing.jacobian)
     return state.with_fits([state.optimizer.converge(model_selection._fit(state.optimizer, state, start, 5))])
 
 
 def test_an_effect_is_exchanged_for_one_of_its_family_that_explains_more(looped):
-    terms = tuple(term for name in ("hinge_coulomb_friction", "tip_mass") for term in terms_of(catalogue()[name]))
-    found = model_selection._exchange(looped, terms)
+    found = exchange(looped, "hinge_coulomb_friction", "tip_mass")
     assert looped.best.ids == ("spring_hysteresis",) and found.best.ids == ("hinge_coulomb_friction",)
     values = dict(found.best.coordinates.supposed(found.best.x).rig.effects[0].values)
     assert values["torque_Nm"] == pytest.approx(0.08, rel=0.1)
@@ -110,16 +128,16 @@ def test_an_effect_is_exchanged_for_one_of_its_family_that_explains_more(looped)
 
 
 def test_what_was_exchanged_once_is_not_again(looped):
-    once = model_selection._exchange(looped, ())
-    assert model_selection._exchange(once, terms_of(catalogue()["hinge_coulomb_friction"])).fits == looped.fits
+    once = exchange(looped)
+    assert exchange(once, "hinge_coulomb_friction").fits == looped.fits
 
 
 def test_a_strained_nuisance_gives_way_to_the_effect_that_does_the_same():
     """A rack that stands 4 mm higher than stated, its height known to 0.5 mm."""
     parts = flaps_of(recorded(replace(RIG, effects=(present("height_offset", offset_mm=4.0),)), CONDITIONS, with_shaft=False))
     coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO | {"height_mm": 0.5}, 0.0))
-    state = model_selection._begin(leg_dataset(parts), coordinates, SearchConfig())
-    found = model_selection._exchange(state, terms_of(catalogue()["height_offset"]))
+    state = model_selection._fit_nominal(leg_dataset(parts), coordinates, SearchConfig())
+    found = exchange(state, "height_offset")
     assert found.best.ids == ("height_offset",)
     assert state.nothing.farthest > 2.5 > found.best.farthest
 
@@ -127,7 +145,7 @@ def test_a_strained_nuisance_gives_way_to_the_effect_that_does_the_same():
 def begun_with(effect, found_as, known_to):
     """The search where so far only a wrong effect has been fitted."""
     parts = flaps_of(recorded(replace(RIG, effects=(effect,)), CONDITIONS, with_shaft=False))
-    state = model_selection._begin(leg_dataset(parts), Parameterization(nuisances_of(RIG, known_to, 0.0)), SearchConfig())
+    state = model_selection._fit_nominal(leg_dataset(parts), Parameterization(nuisances_of(RIG, known_to, 0.0)), SearchConfig())
     (term,) = terms_of(catalogue()[found_as])
     start = model_selection.Start((term,), np.concatenate([state.nothing.x, grid_of(term)[0]]), state.nothing.jacobian)
     return state.with_fits([model_selection._fit(state.optimizer, state, start, 5)])
@@ -139,19 +157,19 @@ def test_an_effect_gives_way_to_one_that_does_the_same_as_a_strained_nuisance(mo
     monkeypatch.setattr(type(state), "best", property(lambda self: max(self.fits, key=self.optimizer.free_log_evidence)))
     state = replace(state, exchanged=frozenset({frozenset()}))
     assert state.best.ids == ("tip_mass",) and state.best.farthest > 2.5
-    assert model_selection._exchange(state, terms_of(catalogue()["height_offset"])).best.ids == ("height_offset",)
+    assert exchange(state, "height_offset").best.ids == ("height_offset",)
 
 
 def test_a_fit_with_implausible_nuisances_starts_again_at_their_prior_means(monkeypatch):
     state = begun_with(HEAVY, "tip_mass", KNOWN_TO)
     fit, starts = model_selection._fit, []
     monkeypatch.setattr(model_selection, "_fit", lambda _, here, start, levels: (starts.append(start), fit(_, here, start, levels))[1])
-    model_selection._exchange(state, ())
+    exchange(state)
     assert not starts
     far = replace(state.best, x=np.concatenate([[3.8], state.best.x[1:]]))
     astray = replace(state, fits=(far,))
     monkeypatch.setattr(type(astray), "best", property(lambda _: far))
-    model_selection._exchange(astray, ())
+    exchange(astray)
     assert [start.x.tolist() for start in starts] == [far.as_believed.tolist()]
 
 

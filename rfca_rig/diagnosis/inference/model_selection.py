@@ -31,7 +31,16 @@ from rfca_rig.diagnosis.data.dataset import THREADS, Dataset
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult, weigh_models
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit, without_scatter
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
-from rfca_rig.diagnosis.inference.screening import EffectProbe, Projection, probe_effects, projection_of, terms_of
+from rfca_rig.diagnosis.inference.screening import (
+    EffectProbe,
+    Point,
+    Projection,
+    grid_points,
+    probe_effects,
+    projection_of,
+    promising_points,
+    terms_of,
+)
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
 from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter, estimate_scatter
 from rfca_rig.errors import SimulationFailed
@@ -124,16 +133,16 @@ def search_models(
     progress("nothing missing", 0.0)
     state = _fit_nominal(dataset.with_parts(dataset.simulator.forget_history(dataset.parts)), coordinates, config)
     progress("screening every effect", 0.1)
-    terms = tuple(term for effect in effects for term in terms_of(effect))
+    beside_nominal = _screen(state, state.nominal, grid_points(term for effect in effects for term in terms_of(effect)))
     # Beside the fit without effects the right effect shows best, unless a nuisance parameter has taken its place there.
-    beside_nominal, beside_nothing = (_screen(state, base, terms) for base in (state.nominal, state.nothing))
+    beside_nothing = _screen_again(state, state.nothing, beside_nominal.probes, config)
     progress("each effect", 0.25)
     starts = [
         *_first_sets(_single_starts(beside_nominal, config.starts_per_effect, config.worth_a_fit), config.singles_coarse),
         *_first_sets(_single_starts(beside_nothing, 1, config.worth_a_fit), config.beside_nothing),
     ]
     state = _fit_best(state, starts, config.singles_full)
-    state = _learn(_exchange(_converge(state, 1, config), terms), GOOD_FIT, config)
+    state = _learn(_exchange(_converge(state, 1, config), beside_nominal.probes, config), GOOD_FIT, config)
     progress("pairs of effects", 0.5)
     if not _is_adequate(state):
         starts = [
@@ -147,7 +156,7 @@ def search_models(
         progress("three effects", 0.7)
         state = _fit_best(state, _partner_starts(state, 2, beside_nothing, config), config.triples_full)
     progress("weighing", 0.85)
-    state = _exchange(state, terms)
+    state = _exchange(state, beside_nominal.probes, config)
     compared_with_its_parts = state.best.ids
     state = _converge_all(_learn(_fit_nested(state), 2.0 * GOOD_FIT, config), config)
     if state.best.ids != compared_with_its_parts:
@@ -185,10 +194,16 @@ def _projection(optimizer: GaussNewton, fit: MapFit) -> Projection:
     return projection_of(fit, measured, optimizer.likelihood.level(fit.linear(measured)))
 
 
-def _screen(state: SearchState, base: MapFit, terms: Iterable[EffectTerm]) -> Screen:
-    """The effects beside a fit, on the subset of the conditions."""
+def _screen(state: SearchState, base: MapFit, points: Sequence[Point]) -> Screen:
+    """The effects at these points beside a fit, on the subset of the conditions."""
     here = _restrict(base, state)
-    return Screen(base, _projection(state.coarse, here), probe_effects(state.coarse.dataset, here, list(terms)))
+    return Screen(base, _projection(state.coarse, here), probe_effects(state.coarse.dataset, here, points))
+
+
+def _screen_again(state: SearchState, base: MapFit, probes: Sequence[EffectProbe], config: SearchConfig) -> Screen:
+    """The effects of `probes` beside another fit, each at the points that promise most there."""
+    projection = _projection(state.coarse, _restrict(base, state))
+    return _screen(state, base, promising_points(projection, probes, config.probed_again))
 
 
 def _first_sets(starts: Sequence[Start], count: int) -> list[Start]:
@@ -248,9 +263,9 @@ def _partner_starts(state: SearchState, size: int, screen: Screen, config: Searc
     least = config.worth_beside_a_good_fit if _is_adequate(state) else config.worth_a_fit
     for parent in state.of_size(size)[: config.parents if size == 1 and least == config.worth_a_fit else 1]:
         projection = _projection(state.coarse, _restrict(parent, state))
-        promising = [probe.choice for probe in screen.probes if projection.gain(probe.signature)[0] > config.worth_a_probe * least]
-        others = [term for term in dict.fromkeys(promising) if term.effect.id not in parent.ids]
-        found += _single_starts(_screen(state, parent, others), 1, least)[: config.partners]
+        promising = {probe.choice for probe in screen.probes if projection.gain(probe.signature)[0] > config.worth_a_probe * least}
+        others = [probe for probe in screen.probes if probe.choice in promising and probe.choice.effect.id not in parent.ids]
+        found += _single_starts(_screen_again(state, parent, others, config), 1, least)[: config.partners]
     return found
 
 
@@ -334,17 +349,18 @@ def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchSta
     return SearchState(optimizer, scatter, coarse, rows, nominal, nothing, tuple(others), exchanged=state.exchanged)
 
 
-def _exchange(state: SearchState, terms: Terms) -> SearchState:
+def _exchange(state: SearchState, probes: Sequence[EffectProbe], config: SearchConfig) -> SearchState:
     """Fits in which a part of the best explanation, or of the fit without effects, is exchanged for something that does much the same.
 
     An effect is exchanged for another one of its family, or for itself of another size, and a strained nuisance parameter for the effect
     that does the same. Everything else begins where it stands. A rival that began at the prior mean may have ended in another mode, and
-    would lose by that alone.
+    would lose by that alone. `probes` are the effects around the nominal model.
     """
+    terms = tuple(dict.fromkeys(probe.choice for probe in probes))
     parents = [fit for fit in dict.fromkeys((state.nothing, state.best)) if frozenset(fit.coordinates.choices) not in state.exchanged]
     starts: list[Start] = []
     for base, wanted in (pair for parent in parents for pair in _without_each_part(state, parent, terms)):
-        ranked = _single_starts(_screen(state, base, [term for term in terms if term.effect.id in wanted]), 1, 0.0)
+        ranked = _single_starts(_screen_again(state, base, [p for p in probes if p.choice.effect.id in wanted], config), 1, 0.0)
         starts += {start.terms[-1].effect.id: start for start in reversed(ranked)}.values()
     # A fit whose nuisance parameters had to leave what is plausible may have ended in another mode than that of their prior means.
     astray = [fit for fit in parents if fit.farthest > IMPLAUSIBLE and fit.ids]
@@ -352,11 +368,12 @@ def _exchange(state: SearchState, terms: Terms) -> SearchState:
     with ThreadPoolExecutor(THREADS) as pool:
         fits = pool.map(lambda start: _fit(state.optimizer, state, start, 5), starts)
         found = [fit for fit in fits if fit is not None]
-        least = max(map(state.optimizer.free_log_evidence, (state.best, *found))) - NEAR
-        near = [fit for fit in found if state.optimizer.free_log_evidence(fit) > least]
+        after = state.with_fits(found)
+        least = state.optimizer.free_log_evidence(after.best) - NEAR
+        near = [fit for fit in found if fit in after.fits and state.optimizer.free_log_evidence(fit) > least]
         converged = list(pool.map(state.optimizer.converge, near))
     done = state.exchanged.union(frozenset(parent.coordinates.choices) for parent in parents)
-    return replace(state.with_fits([*found, *converged]), converged=state.converged.union(converged), exchanged=done)
+    return replace(after.with_fits(converged), converged=state.converged.union(converged), exchanged=done)
 
 
 def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iterator[tuple[MapFit, frozenset[str]]]:

@@ -1,6 +1,6 @@
 """A first look at every effect: what it would do to the rows at some sizes, and how much of the misfit that could take away."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -16,6 +16,8 @@ from rfca_rig.diagnosis.likelihood.covariance import Whitening
 from rfca_rig.model.effect import Effect, Parameter
 
 Floats = NDArray[np.float64]
+Point = tuple[EffectTerm, Floats]
+"""One effect at the coordinates z of its free parameters, (p,)."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +36,21 @@ def terms_of(effect: Effect) -> tuple[EffectTerm, ...]:
     return tuple(EffectTerm(effect, tuple(combination)) for combination in product(*values))
 
 
-def probe_effects(dataset: Dataset, base: MapFit, choices: Sequence[EffectTerm]) -> list[EffectProbe]:
-    """All choices over a coarse grid of their parameters, on top of what `base` has already; those without an answer are left out."""
-    points = [(choice, z) for choice in choices for z in grid_of(choice)]
+def grid_points(choices: Iterable[EffectTerm]) -> list[Point]:
+    """All grid points of all choices."""
+    return [(choice, z) for choice in choices for z in grid_of(choice)]
+
+
+def promising_points(projection: "Projection", probes: Sequence[EffectProbe], most: int) -> list[Point]:
+    """Of every effect at most so many grid points that promise most in a projection; the signatures may be those around another fit."""
+    of_effect: dict[str, list[EffectProbe]] = {}
+    for probe in sorted(probes, key=lambda probe: -projection.gain(probe.signature)[0]):
+        of_effect.setdefault(probe.choice.effect.id, []).append(probe)
+    return [(probe.choice, probe.z) for best in of_effect.values() for probe in best[:most]]
+
+
+def probe_effects(dataset: Dataset, base: MapFit, points: Sequence[Point]) -> list[EffectProbe]:
+    """The effects at these points, on top of what `base` has already; those without an answer are left out."""
     coordinates = base.coordinates
     supposed = []
     for choice, z in points:

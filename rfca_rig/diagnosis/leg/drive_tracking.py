@@ -11,7 +11,7 @@ from rfca_rig.diagnosis.config import DEFAULT_SEARCH
 from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
 from rfca_rig.diagnosis.inference.map_fit import without_scatter
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.inference.screening import probe_effects, terms_of
+from rfca_rig.diagnosis.inference.screening import grid_points, probe_effects, terms_of
 from rfca_rig.diagnosis.leg.nuisances import nuisances_of_drive
 from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, tracking_error
 from rfca_rig.diagnosis.leg.simulator import leg_dataset
@@ -42,5 +42,5 @@ def excluded_by_tracking(shafts: Sequence[ShaftCondition], rig: RigModel, effect
     shafts = [shafts[number] for number in spread(len(shafts), DEFAULT_SEARCH.coarse_conditions)]
     dataset, coordinates = leg_dataset(shafts), Parameterization(nuisances_of_drive(rig, Supposed(rig)))
     base = without_scatter(dataset).at(coordinates, np.zeros(coordinates.size))
-    probes = [] if base is None else probe_effects(dataset, base, [term for effect in wanted for term in terms_of(effect)])
+    probes = [] if base is None else probe_effects(dataset, base, grid_points(term for effect in wanted for term in terms_of(effect)))
     return find_detection_limits(wanted, probes, _TrackingError(shafts, rig.drive.ramp_s), rig, needed=1.0)
