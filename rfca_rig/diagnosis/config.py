@@ -17,9 +17,6 @@ SHARED = 0.5  # correlation of the discrepancy between conditions
 FLOOR = 1e-3  # share of the discrepancy's variance that is not smooth
 PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO, PRIOR_THREE = 0.5, 0.1, 0.3, 0.1, 0.02  # probabilities
 
-FEWEST_CONDITIONS = 3  # for a verdict: with two, one is held out and one is left
-WIDE_STEP = 0.3  # prior deviations: a difference that averages over the roughness of contact
-
 # Parameters
 
 FARTHEST = 4.0  # prior deviations: the optimiser goes no farther
@@ -28,6 +25,7 @@ OCTAVE = 2.0  # high over low: wider positive ranges are log-uniform
 # Optimiser
 
 STEP = 0.1  # prior deviations: the first difference, where no slope is known
+WIDE_STEP = 0.3  # the same of a single Jacobian that no step corrects: it averages over the roughness of contact
 WELL_SEEN = 4.0  # deviations of all rows together by which a difference should move them: touchdown, stick and slip make the model rough
 NARROWEST, WIDEST = 0.03, 0.7  # prior deviations: limits of a difference
 SLOPES_ERR = 0.3  # share of its size by which a slope errs after some steps
@@ -107,6 +105,7 @@ DEFAULT_SEARCH = SearchConfig()
 
 # Decision
 
+FEWEST_CONDITIONS = 3  # for a verdict: with two, one is held out and one is left
 SURE, STATED = 0.9, 0.8  # calibrated probabilities of an effect that is identified, and of one that is stated
 DOMINANT = 0.5  # share of the removable held-out misfit that an omission which is "most of it" explains: more than all others together
 # Held-out rms in units of noise and usual model error, up to which a law holds. It carries the uncertainty of the parameters, too: exact

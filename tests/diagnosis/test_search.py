@@ -73,7 +73,8 @@ def points_of(*names):
 
 
 def exchange(state, *names):
-    probes = model_selection._screen(state, state.nominal, points_of(*names)).probes
+    around = model_selection._projection(state, state.nominal)
+    probes = model_selection._screen(state, state.nominal, around, points_of(*names)).probes
     return model_selection._exchange(state, probes, SearchConfig())
 
 
@@ -95,7 +96,7 @@ def test_an_effect_promises_what_it_does_though_nuisance_parameters_are_off():
     state = model_selection._fit_nominal(leg_dataset(parts), Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0)), SearchConfig())
 
     def promise(base, name):
-        screen = model_selection._screen(state, base, points_of(name))
+        screen = model_selection._screen(state, base, model_selection._projection(state, base), points_of(name))
         return max(screen.projection.gain(probe.signature)[0] for probe in screen.probes)
 
     names, bases = ("stiffness_hardening", "spring_hysteresis"), (state.nothing, state.nominal)

@@ -133,9 +133,10 @@ def search_models(
     progress("nothing missing", 0.0)
     state = _fit_nominal(dataset.with_parts(dataset.simulator.forget_history(dataset.parts)), coordinates, config)
     progress("screening every effect", 0.1)
-    beside_nominal = _screen(state, state.nominal, grid_points(term for effect in effects for term in terms_of(effect)))
+    points = grid_points(term for effect in effects for term in terms_of(effect))
+    beside_nominal = _screen(state, state.nominal, _projection(state, state.nominal), points)
     # Beside the fit without effects the right effect shows best, unless a nuisance parameter has taken its place there.
-    beside_nothing = _screen_again(state, state.nothing, beside_nominal.probes, config)
+    beside_nothing = _screen_again(state, state.nothing, _projection(state, state.nothing), beside_nominal.probes, config)
     progress("each effect", 0.25)
     starts = [
         *_first_sets(_single_starts(beside_nominal, config.starts_per_effect, config.worth_a_fit), config.singles_coarse),
@@ -189,21 +190,20 @@ def _restrict(fit: MapFit, state: SearchState) -> MapFit:
     return replace(fit, predicted=fit.predicted[state.in_coarse], jacobian=fit.jacobian[state.in_coarse])
 
 
-def _projection(optimizer: GaussNewton, fit: MapFit) -> Projection:
-    measured = optimizer.dataset.rows.measured
-    return projection_of(fit, measured, optimizer.likelihood.level(fit.linear(measured)))
+def _projection(state: SearchState, fit: MapFit) -> Projection:
+    """The space around a fit, on the subset of the conditions."""
+    here, measured = _restrict(fit, state), state.coarse.dataset.rows.measured
+    return projection_of(here, measured, state.coarse.likelihood.level(here.linear(measured)))
 
 
-def _screen(state: SearchState, base: MapFit, points: Sequence[Point]) -> Screen:
-    """The effects at these points beside a fit, on the subset of the conditions."""
-    here = _restrict(base, state)
-    return Screen(base, _projection(state.coarse, here), probe_effects(state.coarse.dataset, here, points))
+def _screen(state: SearchState, base: MapFit, projection: Projection, points: Sequence[Point]) -> Screen:
+    """The effects at these points beside a fit, on the subset of the conditions; `projection` is that of the fit."""
+    return Screen(base, projection, probe_effects(state.coarse.dataset, _restrict(base, state), points))
 
 
-def _screen_again(state: SearchState, base: MapFit, probes: Sequence[EffectProbe], config: SearchConfig) -> Screen:
+def _screen_again(state: SearchState, base: MapFit, projection: Projection, probes: Sequence[EffectProbe], config: SearchConfig) -> Screen:
     """The effects of `probes` beside another fit, each at the points that promise most there."""
-    projection = _projection(state.coarse, _restrict(base, state))
-    return _screen(state, base, promising_points(projection, probes, config.probed_again))
+    return _screen(state, base, projection, promising_points(projection, probes, config.probed_again))
 
 
 def _first_sets(starts: Sequence[Start], count: int) -> list[Start]:
@@ -262,10 +262,10 @@ def _partner_starts(state: SearchState, size: int, screen: Screen, config: Searc
     found: list[Start] = []
     least = config.worth_beside_a_good_fit if _is_adequate(state) else config.worth_a_fit
     for parent in state.of_size(size)[: config.parents if size == 1 and least == config.worth_a_fit else 1]:
-        projection = _projection(state.coarse, _restrict(parent, state))
+        projection = _projection(state, parent)
         promising = {probe.choice for probe in screen.probes if projection.gain(probe.signature)[0] > config.worth_a_probe * least}
         others = [probe for probe in screen.probes if probe.choice in promising and probe.choice.effect.id not in parent.ids]
-        found += _single_starts(_screen_again(state, parent, others, config), 1, least)[: config.partners]
+        found += _single_starts(_screen_again(state, parent, projection, others, config), 1, least)[: config.partners]
     return found
 
 
@@ -360,7 +360,8 @@ def _exchange(state: SearchState, probes: Sequence[EffectProbe], config: SearchC
     parents = [fit for fit in dict.fromkeys((state.nothing, state.best)) if frozenset(fit.coordinates.choices) not in state.exchanged]
     starts: list[Start] = []
     for base, wanted in (pair for parent in parents for pair in _without_each_part(state, parent, terms)):
-        ranked = _single_starts(_screen_again(state, base, [p for p in probes if p.choice.effect.id in wanted], config), 1, 0.0)
+        suitable = [probe for probe in probes if probe.choice.effect.id in wanted]
+        ranked = _single_starts(_screen_again(state, base, _projection(state, base), suitable, config), 1, 0.0)
         starts += {start.terms[-1].effect.id: start for start in reversed(ranked)}.values()
     # A fit whose nuisance parameters had to leave what is plausible may have ended in another mode than that of their prior means.
     astray = [fit for fit in parents if fit.farthest > IMPLAUSIBLE and fit.ids]

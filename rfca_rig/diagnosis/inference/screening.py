@@ -41,14 +41,6 @@ def grid_points(choices: Iterable[EffectTerm]) -> list[Point]:
     return [(choice, z) for choice in choices for z in grid_of(choice)]
 
 
-def promising_points(projection: "Projection", probes: Sequence[EffectProbe], most: int) -> list[Point]:
-    """Of every effect at most so many grid points that promise most in a projection; the signatures may be those around another fit."""
-    of_effect: dict[str, list[EffectProbe]] = {}
-    for probe in sorted(probes, key=lambda probe: -projection.gain(probe.signature)[0]):
-        of_effect.setdefault(probe.choice.effect.id, []).append(probe)
-    return [(probe.choice, probe.z) for best in of_effect.values() for probe in best[:most]]
-
-
 def probe_effects(dataset: Dataset, base: MapFit, points: Sequence[Point]) -> list[EffectProbe]:
     """The effects at these points, on top of what `base` has already; those without an answer are left out."""
     coordinates = base.coordinates
@@ -108,6 +100,14 @@ class Projection:
             return 0.0, 1.0
         factor = float(np.clip(match / power, 0.0, RESCALED))
         return 2.0 * factor * match - factor**2 * power, factor
+
+
+def promising_points(projection: Projection, probes: Sequence[EffectProbe], most: int) -> list[Point]:
+    """Of every effect at most so many grid points that promise most in a projection; the signatures may be those around another fit."""
+    of_effect: dict[str, list[EffectProbe]] = {}
+    for probe in sorted(probes, key=lambda probe: -projection.gain(probe.signature)[0]):
+        of_effect.setdefault(probe.choice.effect.id, []).append(probe)
+    return [(probe.choice, probe.z) for best in of_effect.values() for probe in best[:most]]
 
 
 def projection_of(base: MapFit, measured: Floats, whitening: Whitening) -> Projection:

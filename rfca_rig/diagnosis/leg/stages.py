@@ -39,8 +39,8 @@ HOLD_S = 0.3  # the slowest swing of the paper's leg has died out
 class StageTable:
     """The stages of one height in their order, moved to as `moves` says.
 
-    Where the shaft is not `stopped_as_told`, it may have gone back a little at every stop, and friction holds the tip with a force that
-    nobody can predict.
+    Where the shaft is not `stopped_as_told`, it may have gone back a little at every stop, and friction holds the tip with an
+    unpredictable force.
     """
 
     height_m: float

@@ -23,10 +23,10 @@ Floats = NDArray[np.float64]
 CHANCE = 0.01  # family-wise
 
 
-def locate_mismatch(rows: Observations, believed: MapFit, likelihood: MarginalLikelihood) -> tuple[tuple[Cell, ...], tuple[Located, ...]]:
+def locate_mismatch(rows: Observations, fit: MapFit, likelihood: MarginalLikelihood) -> tuple[tuple[Cell, ...], tuple[Located, ...]]:
     """The whole map, and the places where chance and all allowances do not explain the difference, worst first."""
-    covariance = likelihood.usual.covariance() + believed.jacobian @ believed.jacobian.T
-    apart = rows.measured - believed.predicted
+    covariance = likelihood.usual.covariance() + fit.jacobian @ fit.jacobian.T
+    apart = rows.measured - fit.predicted
     places: dict[tuple[str, str, str], list[NDArray[np.intp]]] = {}
     cells = [(_describe_cell(rows, apart, covariance, of), of) for of in _cells(rows)]
     for cell, of in cells:
