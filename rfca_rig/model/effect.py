@@ -55,6 +55,7 @@ class Effect:
     Raises ValueError where the neutral value of a shape parameter lies outside of its plausible range.
     `same_as` names the believed value, as `fit` calls it, that does exactly the same where it is wrong: only how well that is known tells
     the two apart.
+    `variant_of` names the most general effect of which this one is a special case, as dry friction is of Stribeck's.
     """
 
     id: str
@@ -67,6 +68,7 @@ class Effect:
     begins: tuple[Parameter, ...] = ()
     same_as: str = ""
     shape: tuple[Parameter, ...] = ()
+    variant_of: str = ""
 
     def __post_init__(self) -> None:
         for parameter in self.shape:

@@ -180,12 +180,16 @@ def test_what_relieves_an_implausible_value_is_stated_though_it_removes_little(g
     assert "takes the place of an implausible value (" in describe(stated) and "+4.0 prior standard deviations" in describe(stated)
 
 
+def tried(family):
+    """A probe of every member."""
+    return tuple(SimpleNamespace(choice=SimpleNamespace(effect=SimpleNamespace(id=name))) for name in members_of(family))
+
+
 def test_a_family_of_another_kind_of_rig_is_not_stated(gained):
     fluid = replace(gained.best, hypothesis=replace(gained.best.hypothesis, ids=("fluid_drag",)))
     comparison = _with(Comparison(gained.result, (fluid, gained.nothing)), "best", fluid)
     assert set(_families_of_best(comparison)) == {"air_drag"}
-    tried = [SimpleNamespace(choice=SimpleNamespace(effect=SimpleNamespace(id=name))) for name in members_of("joint_dissipation")]
-    pendulum = _with(Comparison(replace(gained.result, probes=tuple(tried)), (fluid, gained.nothing)), "best", fluid)
+    pendulum = _with(Comparison(replace(gained.result, probes=tried("joint_dissipation")), (fluid, gained.nothing)), "best", fluid)
     assert set(_families_of_best(pendulum)) == {"air_drag", "joint_dissipation"}
 
 
@@ -241,6 +245,40 @@ def test_when_a_model_without_effects_lacks_nothing(gained, rms, strain, log_evi
     assert graded(Comparison(result, ranked), 0.5).grade == grade
 
 
+@pytest.mark.parametrize(("probability", "grade"), [(0.85, "nothing missing"), (0.95, "identified")])
+def test_where_the_model_predicts_as_usual_without_effects_an_effect_must_be_sure(gained, probability, grade):
+    """The error of a model that lacks nothing may look like an effect."""
+    result = replace(gained.result, unknown=replace(gained.result.unknown, log_evidence=-1e6))
+    usual = {True: np.full(5, 0.3), False: np.full(5, 0.9)}
+    ranked = tuple(_with_rms(strained(one, 1.0), usual[one.ids == ("sensor_gain",)]) for one in gained.ranked)
+    best = ranked[gained.ranked.index(gained.best)]
+    comparison = _with(_with(Comparison(result, ranked), "_signatures", gained._signatures), "best", best)
+    assert graded(comparison, probability).grade == grade
+
+
+def test_a_law_of_which_the_effect_is_a_special_case_is_no_rival(gained):
+    """As if crosstalk were a gain of each channel: it predicts the same, and that does not speak against the gain."""
+
+    def as_variant(one):
+        coordinates = one.hypothesis.fitted.coordinates
+        terms = [replace(term, effect=replace(term.effect, variant_of="sensor_crosstalk")) for term in coordinates.choices]
+        fitted = replace(one.hypothesis.fitted, coordinates=coordinates.with_terms(terms))
+        return replace(one, hypothesis=replace(one.hypothesis, fitted=fitted))
+
+    crosstalk = next(one for one in gained.ranked if one.ids == ("sensor_crosstalk",))
+    behind = replace(crosstalk, log_joint=gained.best.log_joint - AS_GOOD - 1.0)
+    others = [one for one in gained.ranked if one.ids not in (("sensor_gain",), ("sensor_crosstalk",))]
+    ranked = (as_variant(gained.best), behind, *others)
+    comparison = _with(Comparison(gained.result, ranked), "_signatures", gained._signatures)
+    assert gained.variants_of("sensor_gain") == ()
+    assert comparison.variants_of("sensor_gain") == ("sensor_crosstalk",)
+    assert comparison.variants_of("sensor_crosstalk") == ("sensor_gain",)
+    values = next(one.values for one in support_of_best(comparison) if one.kind == "effect")
+    rival = comparison.support(("sensor_gain", "sensor_crosstalk"))
+    assert rival.rival == ()
+    assert values["log_bayes_factor"] == pytest.approx(np.log1p(rival.log_bayes_factor))
+
+
 def test_effects_that_explain_the_data_as_well_form_a_class(gained):
     crosstalk = next(one for one in gained.ranked if one.ids == ("sensor_crosstalk",))
     near, far = (
@@ -275,6 +313,8 @@ def _with(comparison, name, value):
 @pytest.mark.parametrize(("of_memory", "expected"), [(0.85, "hinge_dissipation"), (0.9, "spring_memory")])
 def test_of_two_families_that_are_as_probable_the_larger_is_stated(of_memory, expected):
     """Every effect that gives the spring a memory dissipates, too."""
-    comparison = SimpleNamespace(best=SimpleNamespace(ids=("spring_relaxation",)), result=SimpleNamespace(probes=()))
+    comparison = SimpleNamespace(
+        best=SimpleNamespace(ids=("spring_relaxation",)), result=SimpleNamespace(probes=tried("hinge_dissipation"))
+    )
     supported = [Supported("family", name, p, {}) for name, p in (("hinge_dissipation", 0.85), ("spring_memory", of_memory))]
     assert _best_family(comparison, supported).id == expected

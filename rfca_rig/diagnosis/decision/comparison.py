@@ -141,6 +141,12 @@ class Comparison:
         swapped = [one for one in self.ranked if len(one.ids) == len(self.best.ids) and kept < set(one.ids) and name not in one.ids]
         return tuple(sorted({other for one in swapped if self._is_as_good(one) for other in set(one.ids) - kept}))
 
+    def variants_of(self, name: str) -> tuple[str, ...]:
+        """The other effects with the same law: of which this one is a special case, or that are special cases of it."""
+        effects = {term.effect.id: term.effect for one in self.ranked for term in one.hypothesis.fitted.coordinates.choices}
+        general = effects[name].variant_of or name
+        return tuple(sorted(other.id for other in effects.values() if (other.variant_of or other.id) == general and other.id != name))
+
     def _is_as_good(self, one: ScaledHypothesis) -> bool:
         """Whether the data do not tell a hypothesis from the best one, or would not if the model erred by as much as models usually do."""
         likelihood = self.result.likelihood

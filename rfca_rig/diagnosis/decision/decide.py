@@ -122,11 +122,14 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     """The same from the compared hypotheses and the support of the best explanation's effects and families."""
     found, rivals = comparison.result, rank_rivals(comparison)
     of_effects = {one.id: one for one in supported if one.kind == "effect"}
-    sure = {one.id for one in of_effects.values() if one.probability >= STATED}
+    is_usual = all(criterion.passed for criterion in _criteria(comparison.nothing, ()))
+    # where the model without effects predicts as models usually do, its error may look like an effect
+    needed = SURE if is_usual else STATED
+    sure = {one.id for one in of_effects.values() if one.probability >= needed}
     explanation = next((one for one in comparison.ranked if sure and set(one.ids) == sure), None)
     best = at_own_scale(comparison.best)
     family = _best_family(comparison, supported)
-    is_family = family is not None and family.probability >= STATED and _is_dominant(comparison, comparison.best)
+    is_family = family is not None and family.probability >= needed and _is_dominant(comparison, comparison.best)
     judged = explanation or comparison.best
     criteria = _criteria(judged, [of_effects[name] for name in judged.ids])
     is_exact = all(criterion.passed for criterion in criteria)
@@ -158,7 +161,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             relieved=_relieved_by(comparison, comparison.best),
         )
     against_unknown = _probability_against_unknown(found)
-    if all(criterion.passed for criterion in _criteria(comparison.nothing, ())) and against_unknown > 0.5:
+    if is_usual and against_unknown > 0.5:
         return replace(decision, grade="nothing missing", probability=against_unknown)
     return replace(decision, probability=1.0 - next(rival.probability for rival in rivals if not rival.ids))
 
@@ -180,12 +183,14 @@ def _is_dominant(comparison: Comparison, one: ScaledHypothesis) -> bool:
 def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
     """The support of every effect of the best explanation, and of every family that one of them belongs to.
 
+    The rival has none of the effects that are as good, and no variant of the effect, which would predict the same.
+
     A family is at least as probable as an effect whose class lies within it: that the effect is there implies the family.
     """
     found: list[Supported] = []
     for effect_id in comparison.best.ids:
         alike = comparison.as_good_as(effect_id)
-        values = support_values(comparison.support((effect_id, *alike)))
+        values = support_values(comparison.support((effect_id, *alike, *comparison.variants_of(effect_id))))
         found.append(Supported("effect", effect_id, calibration_of("effect").probability(values), values, alike))
     for family in _families_of_best(comparison).values():
         # a size at the end of its range speaks against the law, not against its family
@@ -196,10 +201,10 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
 
 
 def _families_of_best(comparison: Comparison) -> dict[str, Family]:
-    """The families of the best explanation's effects, by id; none of another kind of rig, which has less than half of the members."""
+    """The families of the best explanation's effects, by id; none of another kind of rig, which has less than a third of the members."""
     known = {family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)}
     tried = {probe.choice.effect.id for probe in comparison.result.probes}.union(comparison.best.ids)
-    return {name: family for name, family in known.items() if 2 * len(family.members & tried) >= len(family.members)} or known
+    return {name: family for name, family in known.items() if 3 * len(family.members & tried) >= len(family.members)} or known
 
 
 def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Criterion, ...]:

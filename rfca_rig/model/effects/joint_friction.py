@@ -28,6 +28,7 @@ EFFECT = Effect(
     source="Coulomb; presliding as of Dahl, damped as in LuGre (Canudas de Wit et al. 1995)",
     parameters=(Parameter("torque_Nm", 0.005, 1.0),),
     apply=apply,
+    variant_of="joint_stribeck",  # with a rise of zero
     # Neutral: about a count of a joint's encoder. At 0.05 N m, fz over a stroke of the leg (215 mm, 2.433 rad/s) changes by 0.03 N rms
     # at 0.01 degrees and 0.67 N at 1.5 degrees
     shape=(Parameter("presliding_deg", 0.01, 1.5, may_be_zero=False, neutral=float(np.degrees(PRESLIDING_RAD))),),

@@ -22,4 +22,5 @@ EFFECT = Effect(
     source="Coulomb; presliding as in joint_friction",
     parameters=(Parameter("joint", 1.0, 2.0, whole=True), Parameter("torque_Nm", 0.005, 1.0)),
     apply=apply,
+    variant_of="joint_stribeck",
 )
