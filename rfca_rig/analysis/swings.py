@@ -64,13 +64,13 @@ class SwingWindow:
     @property
     def middles_s(self) -> Floats:
         """Where the bins lie, from the start, (b,)."""
-        return _binned(self.t_s[:, None], self.bins)[:, 0]
+        return bin_means(self.t_s[:, None], self.bins)[:, 0]
 
     def predicted(self, pendulum: DrivenPendulum) -> Floats:
         """The same as `measured` of the model. Raises SimulationFailed."""
         swing = pendulum.swing(self.trace, self.angle_rad, self.speed_rad_s, self.t_s)
         channels = (swing.angle_rad, swing.speed_rad_s)[: len(self.measured)]
-        return np.stack([_binned(channel, self.bins).T for channel in channels])
+        return np.stack([bin_means(channel, self.bins).T for channel in channels])
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ def sample_noise(run: PendulumRun, noise_std: Mapping[str, float]) -> Floats:
     """Standard deviation of one sample of the angles and, where recorded, the speeds of each joint, (1 or 2, n): as stated, or found."""
     channels = [run.angle_rad] if run.speed_rad_s is None else [run.angle_rad, run.speed_rad_s]
     stated = [noise_std.get(name) for name in ("angle_rad", "speed_rad_s")]
-    return np.stack([np.full(c.shape[1], s) if s else _noise(c) for c, s in zip(channels, stated, strict=False)])
+    return np.stack([np.full(c.shape[1], s) if s else sample_std(c) for c, s in zip(channels, stated, strict=False)])
 
 
 def _windows(
@@ -220,9 +220,9 @@ def _window(
     inside = (run.t_s > start_s) & (run.t_s <= start_s + window_s)
     t_s = run.t_s[inside] - start_s
     bins = np.flatnonzero(np.diff(np.ceil(t_s / bin_s - 1e-6), prepend=0.0))  # a sample on the edge ends its bin
-    angle, speed, angle_std, speed_std = _start(run, start_s, noise[0])
+    angle, speed, angle_std, speed_std = estimate_start(run.t_s, run.angle_rad, start_s, noise[0])
     counts = np.diff(np.append(bins, len(t_s)))
-    measured = np.stack([_binned(channel[inside], bins).T for channel in channels])
+    measured = np.stack([bin_means(channel[inside], bins).T for channel in channels])
     window = SwingWindow(
         run=place,
         start_s=start_s,
@@ -247,17 +247,17 @@ def _trace(run: PendulumRun, start_s: float, window_s: float) -> TorqueTrace:
     return replace(torque_trace(t_s - start_s, torque), powered=run.powered)
 
 
-def _start(run: PendulumRun, start_s: float, noise: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Angle and speed (n,) by the polynomial that fits the angles around the start best, and how well they are known.
+def estimate_start(t_s: Floats, position: Floats, start_s: float, noise: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Position and speed (n,) at `start_s` by the polynomial that fits the positions (m, n) around it best, and how well they are known.
 
     What the polynomial does not follow, as where dry friction reverses, counts as noise too. Where too few samples lie around the
     start, as many as the polynomial needs are taken.
     """
-    half_s = max(SMOOTHED_S, 0.5 * (DEGREE + 2) * float(np.median(np.diff(run.t_s))))
-    near = np.abs(run.t_s - start_s) <= half_s * (1.0 + 1e-9)
-    design = np.vander((run.t_s[near] - start_s) / half_s, DEGREE + 1, increasing=True)
-    solution = np.linalg.lstsq(design, run.angle_rad[near], rcond=None)[0]
-    missed = np.sqrt(np.mean((design @ solution - run.angle_rad[near]) ** 2, axis=0))
+    half_s = max(SMOOTHED_S, 0.5 * (DEGREE + 2) * float(np.median(np.diff(t_s))))
+    near = np.abs(t_s - start_s) <= half_s * (1.0 + 1e-9)
+    design = np.vander((t_s[near] - start_s) / half_s, DEGREE + 1, increasing=True)
+    solution = np.linalg.lstsq(design, position[near], rcond=None)[0]
+    missed = np.sqrt(np.mean((design @ solution - position[near]) ** 2, axis=0))
     spread = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))[:, None] * np.maximum(noise, missed)
     return solution[0], solution[1] / half_s, spread[0], spread[1] / half_s
 
@@ -276,13 +276,13 @@ def _start_effect(window: SwingWindow, ready: DrivenPendulum, angle_std: Floats,
     return np.stack(found)
 
 
-def _binned(values: Floats, bins: Places) -> Floats:
+def bin_means(values: Floats, bins: Places) -> Floats:
     """Means (b, n) of samples (k, n)."""
     counts = np.diff(np.append(bins, len(values)))
     return np.asarray(np.add.reduceat(values, bins) / counts[:, None])
 
 
-def _noise(values: Floats) -> Floats:
+def sample_std(values: Floats) -> Floats:
     """Of one sample of each column of (m, n): from second differences, or from the steps in which an encoder counts, whichever is more."""
     from_neighbours = np.sqrt(np.mean(np.diff(values, 2, axis=0) ** 2, axis=0) / 6.0)
     steps = np.array([_count(column) for column in values.T])

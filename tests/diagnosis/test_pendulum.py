@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rfca_rig.analysis.fitting.space import never_below
 from rfca_rig.analysis.swings import swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign
 from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
-from rfca_rig.diagnosis.pendulums.nuisances import SupposedPendulum, never_below, space_of_pendulum
+from rfca_rig.diagnosis.pendulums.nuisances import SupposedPendulum, space_of_pendulum
 from rfca_rig.diagnosis.pendulums.windows import stretches_of
 from rfca_rig.model.joint_drive import torque_trace
 from rfca_rig.model.parameters import PresentEffect

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 FARTHEST = 5.0  # standard deviations: a value beyond them says that something else is wrong
+SOFTNESS = 0.3  # of a standard deviation: how roundly a value that is never negative approaches zero
 S = TypeVar("S")  # what one simulation supposes, as its simulator keeps it
 
 
@@ -91,3 +92,11 @@ class Space(Generic[S]):
 
     def _per_x(self, values: Floats) -> Floats:
         return np.where(self._is_relative, np.abs(values), 1.0)
+
+
+def never_below(nominal: float, std: float) -> Callable[[float], float]:
+    """The shift that is made of a shift asked for: nearly the same where the value stays well above zero, and none takes it below.
+
+    The positive root v of v (v - u) = w^2, for the value u asked for and w = SOFTNESS std / 2: smooth, so that it has a Jacobian.
+    """
+    return lambda by: 0.5 * (nominal + by + float(np.hypot(nominal + by, SOFTNESS * std))) - nominal

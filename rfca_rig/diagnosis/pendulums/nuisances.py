@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.analysis.fitting.space import Parameter, Space
+from rfca_rig.analysis.fitting.space import Parameter, Space, never_below
 from rfca_rig.analysis.swings import Nuisance
 from rfca_rig.model.pendulum import Pendulum, rods
 
 NEVER_NEGATIVE = ("joint_damping_Nm_s_per_rad", "joint_friction_Nm", "rotor_inertia_kg_m2")
-SOFTNESS = 0.3  # of a standard deviation: how roundly a value that is never negative approaches zero
 
 
 @dataclass(frozen=True)
@@ -47,11 +46,3 @@ def _parameter(pendulum: Pendulum, nuisance: Nuisance) -> Parameter[SupposedPend
 def of_pendulum(at: Supposed) -> SupposedPendulum:
     """What is supposed, with nothing off where it was not said."""
     return at if isinstance(at, SupposedPendulum) else SupposedPendulum(at.rig)
-
-
-def never_below(nominal: float, std: float) -> Callable[[float], float]:
-    """The shift that is made of a shift asked for: nearly the same where the value stays well above zero, and none takes it below.
-
-    The positive root v of v (v - u) = w^2, for the value u asked for and w = SOFTNESS std / 2: smooth, so that it has a Jacobian.
-    """
-    return lambda by: 0.5 * (nominal + by + float(np.hypot(nominal + by, SOFTNESS * std))) - nominal

@@ -1,8 +1,7 @@
 """A recorded stretch of a pendulum's motion as rows, and the model's for the same.
 
-A stretch is a few windows of half a second, each simulated from the state in which the recording has it. What an error in that state
-does is taken off: for every supposed model the start is moved, within its uncertainty, to where the window fits best. So only what the
-model does within a window counts, and all of a window's rows do not inherit one error as if they were independent.
+A stretch is a few windows of half a second, each simulated from the state in which the recording has it. So only what the model does
+within a window counts.
 
 The model's own error refers to what wrong torques do: one of 1 % means that angles and speeds are off as the believed pendulum's are
 when the torque in each joint is off by 1 % of what weight and drive make there. Near the top, where small differences grow, that is much.
@@ -12,7 +11,6 @@ Neighbouring rows err alike, so that they do not count as independent.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +19,7 @@ from rfca_rig.analysis.swings import SwingProblem, SwingWindow, shifted
 from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data.dataset import Dataset, make_dataset
 from rfca_rig.diagnosis.data.observations import Label, Observations
+from rfca_rig.diagnosis.data.windows import WindowRows, group, observe, start_gain
 from rfca_rig.diagnosis.pendulums.nuisances import SupposedPendulum
 from rfca_rig.diagnosis.simulator import Simulator
 from rfca_rig.model.parameters import GRAVITY_M_S2
@@ -31,9 +30,7 @@ Floats = NDArray[np.float64]
 SWINGS = "swings"  # what their experiment is called
 WINDOW_S = 0.5
 BIN_S = 0.05  # ten rows per window and signal: pendulums of laboratory size turn back a few times a second
-WINDOWS_OF_STRETCH = 4
 SMOOTH_OVER_S = 0.15  # of the model's error: torques err with the joint's angle, which changes that fast
-ROUGH = 0.3  # share of it that is not smooth
 
 
 @dataclass(frozen=True)
@@ -78,21 +75,18 @@ class Stretch:
 
     def rows(self) -> Observations:
         """What was measured here."""
-        scale = np.concatenate([w.scale.ravel() for w in self.windows])
-        t_s = np.concatenate([_per_row(w.window.start_s + w.window.middles_s, w.window) for w in self.windows])
-        label = [np.repeat(np.arange(len(self.signals)), w.window.measured.shape[2]) for w in self.windows]
-        return Observations(
-            measured=np.concatenate([w.window.measured.ravel() for w in self.windows]),
-            noise=np.concatenate([w.window.sensor_std.ravel() for w in self.windows]),
-            scale=scale,
-            jolt=ROUGH * scale,
-            progress=t_s / SMOOTH_OVER_S,
-            t_s=t_s,
-            phase=np.full(len(t_s), self.run),
-            label=np.concatenate(label),
-            condition=np.zeros(len(t_s), dtype=np.intp),
-            labels=tuple(Label(SWINGS, self.named, signal) for signal in self.signals),
-        )
+        labels = tuple(Label(SWINGS, self.named, signal) for signal in self.signals)
+        shape = (len(self.signals), -1)
+        parts = [
+            WindowRows(
+                w.window.start_s + w.window.middles_s,
+                w.window.measured.reshape(shape),
+                w.window.sensor_std.reshape(shape),
+                w.scale.reshape(shape),
+            )
+            for w in self.windows
+        ]
+        return observe(parts, labels, self.run, SMOOTH_OVER_S)
 
 
 class PendulumSimulator(Simulator):
@@ -119,10 +113,7 @@ def _of_run(problem: SwingProblem, run: int) -> list[Stretch]:
         return []
     torque_Nm = usual_torque_Nm(problem.pendulum, windows) * problem.torque_error / USUAL_ERROR
     started = [_started(window, problem.pendulum, torque_Nm) for window in windows]
-    count = max(1, round(len(windows) / WINDOWS_OF_STRETCH))
-    bounds = np.linspace(0, len(windows), count + 1).round().astype(int)
-    parts = [started[a:b] for a, b in pairwise(bounds)]
-    return [_stretch(problem, run, part) for part in parts]
+    return [_stretch(problem, run, part) for part in group(started)]
 
 
 def _stretch(problem: SwingProblem, run: int, windows: Sequence[StartedWindow]) -> Stretch:
@@ -153,10 +144,7 @@ def _weight_Nm(pendulum: Pendulum, angle_rad: Floats) -> Floats:
 
 def _started(window: SwingWindow, pendulum: Pendulum, torque_Nm: Floats) -> StartedWindow:
     scale = _scale(window, pendulum, torque_Nm)
-    effect = window.start_effect.reshape(len(window.start_effect), -1)
-    weighted = effect / (window.sensor_std**2 + (USUAL_ERROR * scale) ** 2).ravel()
-    gain = np.linalg.solve(weighted @ effect.T + np.eye(len(effect)), weighted)
-    return StartedWindow(window, scale, np.asarray(gain, dtype=np.float64))
+    return StartedWindow(window, scale, start_gain(window.start_effect, window.sensor_std**2 + (USUAL_ERROR * scale) ** 2))
 
 
 def _scale(window: SwingWindow, pendulum: Pendulum, torque_Nm: Floats) -> Floats:
@@ -172,7 +160,3 @@ def _scale(window: SwingWindow, pendulum: Pendulum, torque_Nm: Floats) -> Floats
 def _under(window: SwingWindow, more_Nm: Floats) -> SwingWindow:
     """The window with some more torque in the joints."""
     return replace(window, trace=replace(window.trace, torque_Nm=window.trace.torque_Nm + more_Nm))
-
-
-def _per_row(of_bin: Floats, window: SwingWindow) -> Floats:
-    return np.tile(of_bin, window.measured[:, :, 0].size)

@@ -1,0 +1,84 @@
+"""Recordings that are cut into windows, each simulated from the state that the recording shows at its beginning.
+
+An error of that state is taken off: for every hypothesis the start is moved, within its uncertainty, to where the window fits best. So the
+rows of a window do not inherit one error as if they were independent.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.data.observations import Label, Observations
+
+Floats = NDArray[np.float64]
+W = TypeVar("W")
+
+WINDOWS_OF_CONDITION = 4
+ROUGH = 0.3  # share of the model's error that is not smooth
+
+
+@dataclass(frozen=True)
+class WindowRows:
+    """What was measured in one window: times (b,) in the run, and `measured`, `noise` and `scale` (s, b) of s signals in b bins."""
+
+    t_s: Floats
+    measured: Floats
+    noise: Floats
+    scale: Floats
+
+
+def group(windows: Sequence[W]) -> list[Sequence[W]]:
+    """The windows of one run in their order, about WINDOWS_OF_CONDITION together."""
+    count = max(1, round(len(windows) / WINDOWS_OF_CONDITION)) if windows else 0
+    bounds = np.linspace(0, len(windows), count + 1).round().astype(int)
+    return [windows[a:b] for a, b in pairwise(bounds)]
+
+
+def observe(windows: Sequence[WindowRows], labels: tuple[Label, ...], run: str, smooth_over_s: float) -> Observations:
+    """The windows of one condition as rows, signal by signal within window by window.
+
+    Parameters
+    ----------
+    windows
+        The windows.
+    labels
+        One per signal.
+    run
+        The condition of the run, whose repeats err alike.
+    smooth_over_s
+        Over which time the model's error is alike.
+    """
+    signals = len(labels)
+    scale = np.concatenate([w.scale.ravel() for w in windows])
+    t_s = np.concatenate([np.tile(w.t_s, signals) for w in windows])
+    return Observations(
+        measured=np.concatenate([w.measured.ravel() for w in windows]),
+        noise=np.concatenate([w.noise.ravel() for w in windows]),
+        scale=scale,
+        jolt=ROUGH * scale,
+        progress=t_s / smooth_over_s,
+        t_s=t_s,
+        phase=np.full(len(t_s), run),
+        label=np.concatenate([np.repeat(np.arange(signals), len(w.t_s)) for w in windows]),
+        condition=np.zeros(len(t_s), dtype=np.intp),
+        labels=labels,
+    )
+
+
+def start_gain(start_effect: Floats, variance: Floats) -> Floats:
+    """The errors of the start that a misfit shows, in standard deviations, as a matrix (k, m).
+
+    Parameters
+    ----------
+    start_effect
+        (k, ...) what an error of one standard deviation in each value of the start does to the m rows.
+    variance
+        (...) of the rows: sensors and usual model error.
+    """
+    effect = start_effect.reshape(len(start_effect), -1)
+    weighted = effect / variance.ravel()
+    return np.asarray(np.linalg.solve(weighted @ effect.T + np.eye(len(effect)), weighted), dtype=np.float64)
