@@ -142,10 +142,11 @@ class Comparison:
         return tuple(sorted({other for one in swapped if self._is_as_good(one) for other in set(one.ids) - kept}))
 
     def variants_of(self, name: str) -> tuple[str, ...]:
-        """The other effects with the same law: of which this one is a special case, or that are special cases of it."""
+        """The effects with the same law that are not part of the best explanation: more general ones, and other special cases."""
         effects = {term.effect.id: term.effect for one in self.ranked for term in one.hypothesis.fitted.coordinates.choices}
         general = effects[name].variant_of or name
-        return tuple(sorted(other.id for other in effects.values() if (other.variant_of or other.id) == general and other.id != name))
+        alike = {other.id for other in effects.values() if (other.variant_of or other.id) == general}
+        return tuple(sorted(alike - {name} - set(self.best.ids)))
 
     def _is_as_good(self, one: ScaledHypothesis) -> bool:
         """Whether the data do not tell a hypothesis from the best one, or would not if the model erred by as much as models usually do."""
