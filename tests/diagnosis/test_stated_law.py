@@ -30,7 +30,10 @@ def test_the_stated_effect_is_left_out_and_its_law_drawn_beside(stribeck):
     # both are the law that was simulated, the share of friction that slow sliding adds
     slow = (stated.law.knots > -0.3) & (stated.law.knots <= 0.0)  # the tip hardly slides the other way
     wanted = np.interp(stated.law.knots, stated.curve.argument, stated.curve.values)
-    assert np.abs(stated.law.values - wanted)[slow].max() < 0.1
+    off = (stated.law.values - wanted)[slow]
+    # the believed coefficient takes up a part that is the same at all speeds, and how much hangs on the last digits of the fit
+    assert np.abs(off - off.mean()).max() < 0.05
+    assert (np.abs(off) < 2.0 * stated.law.std[slow]).all() and stated.law.std[slow].max() < 0.2
 
 
 def test_an_effect_elsewhere_stays_in_the_base(stribeck):
