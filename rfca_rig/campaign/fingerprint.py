@@ -4,8 +4,10 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
+from rfca_rig.campaign.experiment_layout import FILE_NAME as EXPERIMENT
 from rfca_rig.campaign.layout import FILE_NAME
 from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
+from rfca_rig.recording.identity import described_files
 from rfca_rig.recording.layout import ENDING, HEADER, RECORDING, stage_files
 from rfca_rig.recording.sums import sha256_of, sum_line
 
@@ -31,7 +33,7 @@ def fingerprint(path: Path) -> Fingerprint:
 
 def _files(folder: Path) -> list[Path]:
     """Of a campaign its description and its tables; of a run that is not put together its header, its stages and how it ended."""
-    if (folder / FILE_NAME).is_file() or (folder / PENDULUM).is_file():
-        return sorted([*folder.glob("*.toml"), *folder.rglob("*.csv")])
+    if any((folder / name).is_file() for name in (FILE_NAME, PENDULUM, EXPERIMENT)):
+        return described_files(folder)
     named = [file for file in (folder / HEADER, folder / ENDING) if file.is_file()]
     return sorted([*named, *stage_files(folder), *folder.glob(f"{RECORDING}.partial/*.h5")])

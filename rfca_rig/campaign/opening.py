@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from rfca_rig.campaign.experiment_layout import FILE_NAME as EXPERIMENT
 from rfca_rig.campaign.layout import FILE_NAME
 from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
 from rfca_rig.campaign.reading import read_campaign
@@ -78,4 +79,6 @@ def _open_folder(folder: Path) -> Recording:
         return read_partial(recording)
     if (folder / PENDULUM).is_file():
         raise BadInput(f"{folder}: is a campaign of a pendulum, which this command does not take; import, report, fit and diagnose do")
+    if (folder / EXPERIMENT).is_file():
+        raise BadInput(f"{folder}: holds recordings of a mechanism, which this command does not take; diagnose does")
     raise BadInput(f"{folder}: holds neither {FILE_NAME} nor {RECORDING_NAME}, so it is no campaign and no run")

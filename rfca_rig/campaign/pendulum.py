@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.campaign.pendulum_layout import FILE_NAME, ColumnsSection, LinkSection, PendulumFile, PendulumRunSection
-from rfca_rig.campaign.table import Table, numbers, read_table
+from rfca_rig.campaign.table import Table, check_time, numbers, read_table
 from rfca_rig.description.toml import place_of, read_toml
 from rfca_rig.errors import BadInput
 from rfca_rig.model.pendulum import Pendulum, PendulumLink
@@ -138,8 +138,8 @@ def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> Pend
     values = numbers(table)
     columns, joints = described.columns, range(1, len(described.links) + 1)
     t_s = _column(table, values, columns, "t_s")
-    _check_time(table, t_s)
-    inside = (t_s >= (-np.inf if run.from_s is None else run.from_s)) & (t_s <= (np.inf if run.to_s is None else run.to_s))
+    check_time(table, t_s)
+    inside = run.counts(t_s)
     if inside.sum() < FEWEST_SAMPLES:
         raise BadInput(f"{table.path}: {inside.sum()} samples between from_s and to_s; needs {FEWEST_SAMPLES} or more")
     speeds = [f"speed{joint}_rad_s" for joint in joints]
@@ -170,10 +170,3 @@ def _column(table: Table, values: Floats, columns: ColumnsSection, quantity: str
             f"{table.path}:1: column {name}, which is to hold {quantity}, is missing; the file has {', '.join(table.names)}{hint}"
         )
     return np.ascontiguousarray(values[:, table.names.index(name)])
-
-
-def _check_time(table: Table, t_s: Floats) -> None:
-    backwards = np.flatnonzero(np.diff(t_s) <= 0.0)
-    if backwards.size:
-        row = int(backwards[0]) + 1
-        raise table.fault(row, f"time does not run forwards: {t_s[row]:g} s after {t_s[row - 1]:g} s")

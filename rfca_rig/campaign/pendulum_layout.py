@@ -2,10 +2,14 @@
 
 from typing import Annotated, Literal, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from rfca_rig.description.sections import NotNegative, Positive, Section
 from rfca_rig.recording.layout import PENDULUM
+
+Floats = NDArray[np.float64]
 
 FORMAT = "rfca-pendulum/1"
 MODEL_FORMAT = "rfca-pendulum-model/1"
@@ -78,18 +82,14 @@ class NoiseSection(Section):
     speed_rad_s: Positive | None = None
 
 
-class PendulumRunSection(Section):
-    """One recording: its file, its condition in words, its repeat, and the part of it that counts.
-
-    `driven` false: the motors were off. Where it is not given, a run whose torques are all zero counts as one.
-    """
+class RunSection(Section):
+    """One recording: its file, its condition in words, its repeat, and the part of it that counts."""
 
     file: Text
     condition: Text
     repeat: Annotated[int, Field(ge=1)] = 1
     from_s: float | None = None
     to_s: float | None = None
-    driven: bool | None = None
 
     @field_validator("file")
     @classmethod
@@ -103,6 +103,17 @@ class PendulumRunSection(Section):
         if self.from_s is not None and self.to_s is not None and self.to_s <= self.from_s:
             raise ValueError(f"to_s should be after from_s, {self.from_s:g} s")
         return self
+
+    def counts(self, t_s: Floats) -> NDArray[np.bool_]:
+        """(m,) which of these times belong to the part that counts."""
+        begin, end = -np.inf if self.from_s is None else self.from_s, np.inf if self.to_s is None else self.to_s
+        return np.asarray((t_s >= begin) & (t_s <= end))
+
+
+class PendulumRunSection(RunSection):
+    """`driven` false: the motors were off. Where it is not given, a run whose torques are all zero counts as one."""
+
+    driven: bool | None = None
 
 
 class PendulumFile(Section):

@@ -64,9 +64,26 @@ def numbers(table: Table) -> Floats:
     return values
 
 
-def _fast(lines: Sequence[str]) -> Floats | None:
+def column(table: Table, name: str) -> Floats:
+    """The cells of one column (rows,), whatever the others hold. Raises BadInput as `numbers` does."""
+    place = table.names.index(name)
+    values = _fast(table.lines, place)
+    if values is not None and values.shape == (len(table.lines), 1) and np.isfinite(values).all():
+        return np.ascontiguousarray(values[:, 0])
+    return np.array([number(table, row, name, cells[place]) for row, cells in enumerate(rows(table))])
+
+
+def numbers_if_any(table: Table, name: str) -> Floats | None:
+    """The same, None where the column holds anything but numbers."""
     try:
-        return np.loadtxt(lines, delimiter=",", dtype=np.float64, comments=None, quotechar='"', ndmin=2)
+        return column(table, name)
+    except BadInput:
+        return None
+
+
+def _fast(lines: Sequence[str], place: int | None = None) -> Floats | None:
+    try:
+        return np.loadtxt(lines, delimiter=",", dtype=np.float64, comments=None, quotechar='"', ndmin=2, usecols=place)
     except ValueError:
         return None
 
@@ -110,3 +127,11 @@ def _fault_in_number(cell: str) -> str | None:
     if not _NUMBER.fullmatch(cell):
         return f"{cell[:30]!r} is not a number"
     return None if math.isfinite(float(cell)) else f"{cell[:30]} is too large for a number"
+
+
+def check_time(table: Table, t_s: Floats) -> None:
+    """Raises BadInput, naming the line, where time (rows,) does not run forwards."""
+    backwards = np.flatnonzero(np.diff(t_s) <= 0.0)
+    if backwards.size:
+        row = int(backwards[0]) + 1
+        raise table.fault(row, f"time does not run forwards: {t_s[row]:g} s after {t_s[row - 1]:g} s")

@@ -53,13 +53,16 @@ def diagnose(
 
     Example: rfca-rig diagnose runs/SIM-table-ii-001 --out diagnosis
     """
+    from rfca_rig.campaign.experiment import experiment_among
     from rfca_rig.campaign.opening import open_with_belief, pendulum_among
     from rfca_rig.cli.printing import Printing
     from rfca_rig.diagnosis.candidate_effects import check_known
     from rfca_rig.errors import BadInput
     from rfca_rig.report.origin import typed
 
-    check_known(without or ())
+    mechanism = experiment_among(paths)
+    if mechanism is None:
+        check_known(without or ())
     known = [word for effect in without or () for word in ("--without", effect)]
     at = ["--law", law] if law else []
     asked = Asked(paths, out, as_json, typed("diagnose", *paths, *known, *at), tuple(without or ()), law_at=law)
@@ -73,7 +76,11 @@ def diagnose(
         return
     if each or workers or cluster:
         raise BadInput("--workers and --cluster share out what --each makes many of; one diagnosis, or --close-the-loop, stays here")
-    if pendulum_among(paths) is not None:
+    if mechanism is not None:
+        if close_the_loop or law:
+            raise BadInput("--close-the-loop and --law are for a leg's and a pendulum's recordings; leave them out for a mechanism")
+        diagnosis = _mechanism(asked)
+    elif pendulum_among(paths) is not None:
         if close_the_loop:
             raise BadInput("--close-the-loop runs experiments on a leg's rig; leave it out for a pendulum and do the proposed run by hand")
         diagnosis = _pendulum(asked)
@@ -143,14 +150,35 @@ def _pendulum(asked: Asked) -> "Diagnosis":
     from rfca_rig.campaign.pendulum import read_pendulum_campaign
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
+
+    with progress(asked.quiet) as bars:
+        return _write_imported(diagnose_pendulum(read_pendulum_campaign(asked.paths[0]), bars.share, asked.without, asked.law_at), asked)
+
+
+def _mechanism(asked: Asked) -> "Diagnosis":
+    """The diagnosis of a mechanism that MuJoCo simulates, and its model file with what was found."""
+    from rfca_rig.campaign.experiment import read_experiment
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
+    from rfca_rig.mechanism.amend import write_amended_model
+
+    with progress(asked.quiet) as bars:
+        found = diagnose_mechanism(read_experiment(asked.paths[0]), bars.share, asked.without)
+    diagnosis = _write_imported(found.diagnosis, asked)
+    beyond = write_amended_model(found.plant, asked.out / "model.xml")
+    if beyond:
+        typer.echo(f"{asked.out / 'model.xml'}: MJCF does not hold {', '.join(beyond)}; see diagnosis.json", err=True)
+    return diagnosis
+
+
+def _write_imported(diagnosis: "Diagnosis", asked: Asked) -> "Diagnosis":
+    """The diagnosis of tables from elsewhere, with its files."""
     from rfca_rig.diagnosis.result import Diagnosed
     from rfca_rig.recording.identity import identity_of_tables
     from rfca_rig.report.diagnosis_files import write_diagnosis
     from rfca_rig.report.origin import imported
 
     (folder,) = asked.paths
-    with progress(asked.quiet) as bars:
-        diagnosis = diagnose_pendulum(read_pendulum_campaign(folder), bars.share, asked.without, asked.law_at)
     recorded = Diagnosed(diagnosis.title, "IMPORT", identity_of_tables(diagnosis.title, folder))
     diagnosis = replace(diagnosis, recordings=(recorded,))
     write_diagnosis(diagnosis, asked.out, imported(asked.command, folder, diagnosis.title))

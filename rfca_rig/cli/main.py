@@ -17,6 +17,7 @@ from rfca_rig.cli import (
     crosscheck,
     diagnosing,
     doctoring,
+    drafting,
     dynamic,
     explaining,
     exporting,
@@ -56,6 +57,7 @@ app.add_typer(fatigue.app, name="fatigue")
 app.add_typer(serving.app, name="twin")
 app.add_typer(calibrating.app, name="calibrate")
 app.add_typer(exporting.app, name="export")
+app.command("init")(drafting.init)
 app.command("import")(importing.import_folder)
 app.command("resume")(resuming.resume)
 app.command("recover")(recovering.recover)

@@ -34,7 +34,7 @@ RUN_KINDS, SOURCES = entry.KINDS, entry.SOURCES
 RUN_ENDINGS = tuple(word.replace(" ", "-") for word in entry.ENDINGS)
 VERDICTS = tuple(word.replace(" ", "-") for word in ANY_VERDICT)
 TRIP_CODES = tuple(code.value for code in Trip)
-RECORDED = ("run.json", "run.h5", "campaign.toml", "pendulum.toml")
+RECORDED = ("run.json", "run.h5", "campaign.toml", "pendulum.toml", "experiment.toml")
 MOST_FOLDERS = 50
 
 

@@ -1,7 +1,7 @@
 """Which physics a model lacks, with what probability and size, and which experiment would tell more.
 
-Entry points: `diagnose.diagnose` for a leg, `pendulums.diagnose.diagnose_pendulum` for a driven chain. Both take these steps, one
-sub-package each:
+Entry points: `diagnose.diagnose` for a leg, `pendulums.diagnose.diagnose_pendulum` for a driven chain, and
+`mechanisms.diagnose.diagnose_mechanism` for what MuJoCo simulates. All take these steps, one sub-package each:
 
 1. `data`: recordings become vectors of observations, condition by condition, and a simulator predicts the same.
 2. `likelihood`: the covariance of noise, repeat scatter and model discrepancy; Laplace approximation; cross-validation.
@@ -10,7 +10,8 @@ sub-package each:
 5. `residual_force`: where and in which form an effect outside the catalogue acts.
 6. `experiment_design`: the experiment that separates the hypotheses that remain open.
 
-`simulator` is the interface through which steps 1 to 4 see a rig. `leg` and `pendulums` implement it; a further simulator needs no more.
+`simulator` is the interface through which steps 1 to 4 see a rig. `leg`, `pendulums` and `mechanisms` implement it; a further simulator
+needs no more.
 
 `result.Diagnosis` is the answer as plain values, which the report, the JSON file and the terminal read.
 """

@@ -3,10 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import inf, isfinite
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from rfca_rig.model.setup import Setup
+from typing import Any
 
 Values = Mapping[str, float]
 
@@ -48,9 +45,10 @@ class Effect:
     """One entry of the catalogue.
 
     `where` it enters, `left_out` in a few words what a model without it lacks, the `law` as a formula, its `source`.
-    `apply(setup, values)` returns the setup with the effect in it; `values` holds one number per parameter, one per parameter of
-    `shape`, and one for each of `begins`: how it stands where a recording begins, 0 for at rest, which is no property of the rig and
-    never reported. The parameters of `shape` are nuisance parameters of the law: they say how exactly it acts. A file may leave them
+    `apply(setup, values)` returns the setup with the effect in it, in the form that its simulator takes: `setup.Setup` for a leg.
+    `values` holds one number per parameter, one per parameter of `shape`, and one for each of `begins`: how it stands where a recording
+    begins, 0 for at rest, which is no property of the rig and never reported. The parameters of `shape` are nuisance parameters of the
+    law: they say how exactly it acts. A file may leave them
     out, and their neutral values then apply; a diagnosis fits them together with the effect.
     Raises ValueError where the neutral value of a shape parameter lies outside of its plausible range.
     `same_as` names the believed value, as `fit` calls it, that does exactly the same where it is wrong: only how well that is known tells
@@ -64,7 +62,7 @@ class Effect:
     law: str
     source: str
     parameters: tuple[Parameter, ...]
-    apply: "Callable[[Setup, Values], Setup]"
+    apply: Callable[[Any, Values], Any]
     begins: tuple[Parameter, ...] = ()
     same_as: str = ""
     shape: tuple[Parameter, ...] = ()

@@ -18,9 +18,9 @@ class Family:
     words
         What is missing, as an engineer would say it.
     place
-        Where it acts: hinges, tip, ground, drive, rig, surroundings, sensor, or joints of a pendulum.
+        Where it acts: hinges, tip, ground, drive, rig, surroundings, sensor, or joints of a pendulum or mechanism.
     members
-        Ids of the catalogue's effects.
+        Ids of effects, of the catalogue and of mechanisms.
     """
 
     id: str
@@ -71,11 +71,20 @@ FAMILIES = (
         "the joints dissipate energy: dry, viscous or load-dependent friction",
         "joints",
         frozenset(
-            ("joint_friction", "joint_friction_of_one", "joint_stribeck", "joint_load_friction", "hinge_viscous_damping", "fluid_drag")
+            (
+                *("joint_friction", "joint_friction_of_one", "joint_stribeck", "joint_load_friction", "joint_load_friction_of_one"),
+                *("joint_damping", "joint_damping_of_one", "joint_drag", "joint_drag_of_one", "hinge_viscous_damping", "fluid_drag"),
+            )
         ),
     ),
-    Family("joint_inertia", "the joints carry more inertia", "joints", frozenset(("joint_inertia", "added_mass"))),
-    Family("torque_scale", "the torque is not what was recorded", "joints", frozenset(("torque_scale", "torque_lag", "torque_delay"))),
+    Family("joint_inertia", "the joints carry more inertia", "joints", frozenset(("joint_inertia", "joint_inertia_of_one", "added_mass"))),
+    Family("joint_stiffness", "a spring acts in the joints", "joints", frozenset(("joint_spring", "joint_spring_of_one"))),
+    Family(
+        "torque_scale",
+        "the torque is not what was recorded",
+        "joints",
+        frozenset(("torque_scale", "torque_scale_of_one", "torque_lag", "torque_delay", "torque_saturation")),
+    ),
 )
 
 

@@ -19,8 +19,12 @@ def identity_of(title: str, source: str, provenance: Mapping[str, str]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
 
 
+def described_files(folder: Path) -> list[Path]:
+    """Of recordings from elsewhere the description, the model file and the tables, in their order by name."""
+    return sorted([*(file for ending in ("toml", "xml", "urdf") for file in folder.glob(f"*.{ending}")), *folder.rglob("*.csv")])
+
+
 def identity_of_tables(title: str, folder: Path) -> str:
     """The same of recordings from elsewhere that are read as they stand, a description and tables below `folder`. Raises OSError."""
-    files = sorted([*folder.glob("*.toml"), *folder.rglob("*.csv")])
-    sums = "".join(f"{sum_line(file, folder)}\n" for file in files)
+    sums = "".join(f"{sum_line(file, folder)}\n" for file in described_files(folder))
     return identity_of(title, "IMPORT", {"sha256": hashlib.sha256(sums.encode()).hexdigest()})

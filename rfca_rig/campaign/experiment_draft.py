@@ -1,0 +1,104 @@
+"""A draft of experiment.toml from a model file and a folder of CSV files: everything that they tell, and a "?" for what they do not."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from rfca_rig.campaign.experiment_layout import (
+    ANGLE_SPEED_UNITS,
+    ANGLE_UNITS,
+    COMMAND_UNITS,
+    COUNTS,
+    FILE_NAME,
+    FORMAT,
+    LENGTH_UNITS,
+    SPEED_UNITS,
+    TIME_UNITS,
+)
+from rfca_rig.campaign.table import numbers_if_any, read_table
+from rfca_rig.description.toml_writing import written
+from rfca_rig.errors import BadInput
+from rfca_rig.mechanism.load import Mechanism
+from rfca_rig.recording.atomic import write_atomically
+
+UNKNOWN = '"?"'
+
+
+def write_draft(mechanism: Mechanism, folder: Path) -> Path:
+    """Writes the draft into `folder` and returns its path.
+
+    Raises
+    ------
+    BadInput
+        Where there is an experiment.toml already, or no CSV file.
+    """
+    path, files = folder / FILE_NAME, sorted(folder.rglob("*.csv"))
+    if path.exists():
+        raise BadInput(f"{path}: is there already; remove it, or edit it")
+    if not files:
+        raise BadInput(f"{folder}: holds no CSV file; --data names the folder of the recordings")
+    write_atomically(path, draft(mechanism, folder, files).encode("utf-8"))
+    return path
+
+
+def draft(mechanism: Mechanism, folder: Path, files: list[Path]) -> str:
+    """The text of the draft."""
+    table = read_table(files[0])
+    columns = {name: numbers_if_any(table, name) for name in table.names}
+    rising = [name for name, values in columns.items() if values is not None and (np.diff(values) > 0.0).all()]
+    lines = [
+        f'# Replace every "?". Then: rfca-rig diagnose {folder.name}',
+        f"format = {written(FORMAT)}",
+        f"title = {written(folder.resolve().name)}",
+        f"model = {written(Path(os.path.relpath(mechanism.path, folder)).as_posix())}",
+        "",
+        f"# Columns of {files[0].relative_to(folder).as_posix()}, with their smallest and largest values:",
+        *(f"#   {name}: {_extent(values)}" for name, values in columns.items()),
+        "",
+        "[time]",
+        f"column = {written(rising[0]) if len(rising) == 1 else UNKNOWN}{'' if rising else '  # none of the columns rises throughout'}",
+        f"unit = {UNKNOWN}  # {_any_of(TIME_UNITS)}",
+    ]
+    for place, joint in enumerate(mechanism.joints):
+        slides = bool(mechanism.is_slide[place])
+        position, speed = (LENGTH_UNITS, SPEED_UNITS) if slides else ({**ANGLE_UNITS, COUNTS: 0.0}, ANGLE_SPEED_UNITS)
+        hint = "" if slides else "; a count needs counts_per_turn"
+        lines += _table("signals", {"joint": written(joint), "quantity": written("position")}, f"{_any_of(position)}{hint}")
+        lines += _table("signals", {"joint": written(joint), "quantity": written("speed")}, _any_of(speed), "if speeds were not recorded")
+    for actuator in mechanism.actuators:
+        lines += _table(
+            "commands", {"actuator": written(actuator)}, f"{_any_of(COMMAND_UNITS)}; measured, or else commanded", "if it was off"
+        )
+    lines += [
+        "",
+        "# How well the values of the model file are known: one standard deviation. What is not listed counts as exact.",
+        "# docs/mechanisms.md lists all keys. A prior that is too narrow distorts the answer; one that is too wide can hide an effect.",
+        "[known_to]",
+        f"mass_relative = {UNKNOWN}  # 0.01 for bodies that were weighed, 0.05 from drawings",
+        *(() if mechanism.is_slide.all() else (f"zero_offset_rad = {UNKNOWN}  # of the encoders, 0.005 for joints that were set by hand",)),
+        f"torque_error_relative = {UNKNOWN}  # usual error of the torques: 0.01 from a torque sensor, 0.03 from a motor current",
+    ]
+    for number, file in enumerate(files, start=1):
+        lines += ["", "[[recordings]]", f"file = {written(file.relative_to(folder).as_posix())}", f'condition = "recording {number}"']
+    return "\n".join(lines) + "\n"
+
+
+def _table(name: str, known: dict[str, str], units: str, remove: str = "") -> list[str]:
+    fields = [f"{key} = {value}" for key, value in known.items()]
+    return [
+        "",
+        f"[[{name}]]{f'  # remove this table {remove}' if remove else ''}",
+        *fields,
+        f"column = {UNKNOWN}",
+        f"unit = {UNKNOWN}  # {units}",
+    ]
+
+
+def _any_of(units: dict[str, float]) -> str:
+    names = list(units)
+    return f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def _extent(values: np.ndarray[tuple[int], np.dtype[np.float64]] | None) -> str:
+    return "no numbers" if values is None else f"{values.min():.4g} to {values.max():.4g}"

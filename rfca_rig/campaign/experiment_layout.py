@@ -1,0 +1,154 @@
+"""What experiment.toml of `rfca-experiment/1` may hold."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from rfca_rig.campaign.pendulum_layout import RunSection, Text
+from rfca_rig.description.sections import Positive, Section
+
+FORMAT = "rfca-experiment/1"
+FILE_NAME = "experiment.toml"
+
+# Factor to SI of each unit that a column may have, by what it measures. Nothing is guessed from a column's name.
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+ANGLE_UNITS = {"rad": 1.0, "deg": 0.017453292519943295, "turn": 6.283185307179586}
+LENGTH_UNITS = {"m": 1.0, "mm": 1e-3}
+ANGLE_SPEED_UNITS = {"rad/s": 1.0, "deg/s": 0.017453292519943295, "rpm": 0.10471975511965977, "turn/s": 6.283185307179586}
+SPEED_UNITS = {"m/s": 1.0, "mm/s": 1e-3}
+COMMAND_UNITS = {"N m": 1.0, "mN m": 1e-3, "N": 1.0, "A": 1.0, "mA": 1e-3, "V": 1.0, "mV": 1e-3, "1": 1.0}
+COUNTS = "count"
+
+
+def _one_of(unit: str, known: dict[str, float]) -> str:
+    if unit not in known:
+        raise ValueError(f"should be one of {', '.join(known)}")
+    return unit
+
+
+class TimeSection(Section):
+    """[time]: the column of the time in every file, and its unit."""
+
+    column: Text
+    unit: str
+
+    @field_validator("unit")
+    @classmethod
+    def _known(cls, unit: str) -> str:
+        return _one_of(unit, TIME_UNITS)
+
+
+class SignalSection(Section):
+    """[[signals]]: a column that holds the position or the speed of a joint.
+
+    A position in counts needs `counts_per_turn`. `sign` is -1 where the column counts the other way round than the model.
+    """
+
+    joint: Text
+    quantity: Literal["position", "speed"]
+    column: Text
+    unit: str
+    sign: Literal[1, -1] = 1
+    counts_per_turn: Positive | None = None
+    noise_std: Positive | None = None
+
+    @model_validator(mode="after")
+    def _unit_suits(self) -> Self:
+        counts = {COUNTS: 0.0} if self.quantity == "position" else {}
+        known = ANGLE_UNITS | LENGTH_UNITS if self.quantity == "position" else ANGLE_SPEED_UNITS | SPEED_UNITS
+        if self.unit not in {**known, **counts}:
+            raise ValueError(f"unit {self.unit!r} of a {self.quantity} should be one of {', '.join((*known, *counts))}")
+        if (self.unit == COUNTS) != (self.counts_per_turn is not None):
+            raise ValueError("counts_per_turn belongs to the unit 'count': give both or none")
+        return self
+
+    @property
+    def is_distance(self) -> bool:
+        """Whether the unit is one of a slide."""
+        return self.unit in LENGTH_UNITS or self.unit in SPEED_UNITS
+
+    @property
+    def factor(self) -> float:
+        """From the column to the model's SI unit, with the sign."""
+        if self.counts_per_turn is not None:
+            return self.sign * ANGLE_UNITS["turn"] / self.counts_per_turn
+        return self.sign * (ANGLE_UNITS | LENGTH_UNITS | ANGLE_SPEED_UNITS | SPEED_UNITS)[self.unit]
+
+
+class CommandSection(Section):
+    """[[commands]]: a column that holds what an actuator was told or, better, what was measured of it.
+
+    The model's actuator turns the SI value of this unit into a torque: `gear` in N m/A for a column in A.
+    """
+
+    actuator: Text
+    column: Text
+    unit: str
+    sign: Literal[1, -1] = 1
+
+    @field_validator("unit")
+    @classmethod
+    def _known(cls, unit: str) -> str:
+        return _one_of(unit, COMMAND_UNITS)
+
+    @property
+    def factor(self) -> float:
+        """From the column to SI, with the sign."""
+        return self.sign * COMMAND_UNITS[self.unit]
+
+
+class KnownToMechanism(Section):
+    """[known_to]: the standard uncertainty of each nominal value, of each body, joint or actuator for itself.
+
+    What is not listed counts as exact. `torque_error_relative` is the usual error of the torques.
+    """
+
+    mass_relative: Positive | None = None
+    inertia_relative: Positive | None = None
+    centre_of_mass_m: Positive | None = None
+    joint_damping_Nm_s_per_rad: Positive | None = None
+    joint_damping_N_s_per_m: Positive | None = None
+    joint_friction_Nm: Positive | None = None
+    joint_friction_N: Positive | None = None
+    rotor_inertia_kg_m2: Positive | None = None
+    rotor_inertia_kg: Positive | None = None
+    torque_offset_Nm: Positive | None = None
+    force_offset_N: Positive | None = None
+    zero_offset_rad: Positive | None = None
+    zero_offset_m: Positive | None = None
+    command_gain_relative: Positive | None = None
+    command_delay_s: Annotated[float, Field(gt=0.0, le=0.025)] | None = None
+    torque_error_relative: Annotated[float, Field(ge=0.001, le=0.2)] | None = None
+
+
+class WindowsSection(Section):
+    """[windows]: recordings are cut into windows that the model simulates from the measured state, and into bins that are compared."""
+
+    length_s: Positive = 0.5
+    bin_s: Positive = 0.05
+
+    @model_validator(mode="after")
+    def _holds_bins(self) -> Self:
+        if self.bin_s > self.length_s / 2.0:
+            raise ValueError(f"bin_s = {self.bin_s:g} is more than half of length_s, {self.length_s:g}; a window needs several bins")
+        return self
+
+
+class RecordingSection(RunSection):
+    """[[recordings]]: `driven` false says that the actuators were off; the file needs no columns for them then."""
+
+    driven: bool = True
+
+
+class ExperimentFile(Section):
+    """experiment.toml: a model file, what the columns of the recordings are in it, how well its values are known, and the recordings."""
+
+    format: Literal["rfca-experiment/1"]
+    title: Annotated[str, Field(max_length=1000)]
+    model: Text
+    time: TimeSection
+    signals: Annotated[tuple[SignalSection, ...], Field(strict=False, min_length=1)]
+    commands: Annotated[tuple[CommandSection, ...], Field(strict=False)] = ()
+    known_to: KnownToMechanism = KnownToMechanism()
+    windows: WindowsSection = WindowsSection()
+    recordings: Annotated[tuple[RecordingSection, ...], Field(strict=False, min_length=1)]

@@ -1,0 +1,23 @@
+"""rfca-rig init"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def init(
+    mjcf: Annotated[Path, typer.Option("--mjcf", metavar="FILE", help="The mechanism's model, MJCF or URDF.")],
+    data: Annotated[Path, typer.Option("--data", metavar="DIR", help="A folder with its recordings, CSV files.")],
+) -> None:
+    """Write a draft of experiment.toml for recordings of any mechanism.
+
+    Example: rfca-rig init --mjcf arm.xml --data recordings
+    """
+    from rfca_rig.campaign.experiment_draft import UNKNOWN, write_draft
+    from rfca_rig.mechanism.load import load_mechanism
+
+    path = write_draft(load_mechanism(mjcf), data)
+    open_questions = path.read_text(encoding="utf-8").count(f"= {UNKNOWN}")
+    typer.echo(f"{path}: {open_questions} values to fill in, each marked with a question mark")
+    typer.echo(f"then: rfca-rig diagnose {data}", err=True)

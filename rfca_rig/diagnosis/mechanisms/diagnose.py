@@ -1,0 +1,74 @@
+"""`diagnose_mechanism`: recordings and a model file in, the same kind of answer out as for a leg."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+from rfca_rig.campaign.experiment import Experiment
+from rfca_rig.crew.cores import algebra_on_one_thread
+from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
+from rfca_rig.diagnosis.data.dataset import make_dataset
+from rfca_rig.diagnosis.data.windows import WINDOWS_OF_CONDITION
+from rfca_rig.diagnosis.decision.decide import decide
+from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
+from rfca_rig.diagnosis.inference.parameterization import Parameterization
+from rfca_rig.diagnosis.mechanisms.nuisances import space_of_mechanism
+from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.diagnosis.mechanisms.windows import MECHANISMS
+from rfca_rig.diagnosis.result import Diagnosis
+from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
+from rfca_rig.errors import BadInput
+from rfca_rig.mechanism.effects import list_effects
+from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.mechanism.plant import Plant
+from rfca_rig.nearest import suggestion
+
+
+@dataclass(frozen=True)
+class MechanismDiagnosis:
+    """The answer, and the mechanism with what it states: effects and nuisance parameters at their posterior means."""
+
+    diagnosis: Diagnosis
+    plant: Plant
+
+
+@algebra_on_one_thread()
+def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Collection[str] = ()) -> MechanismDiagnosis:
+    """The diagnosis of recordings of a mechanism.
+
+    Parameters
+    ----------
+    experiment
+        The recordings and the model file.
+    progress
+        Called with what is being done and the share that is done.
+    without
+        Ids of effects that are not looked for.
+
+    Raises
+    ------
+    BadInput
+        Where recordings and model do not fit together, or the recordings are too short.
+    SimulationFailed
+        Where the nominal model cannot be simulated.
+    """
+    progress("reading", 0.0)
+    problem = make_problem(experiment, load_mechanism(experiment.model))
+    known = {effect.id: effect for effect in list_effects(problem.mechanism, problem.usual)}
+    for name in without:
+        if name not in known:
+            raise BadInput(f"--without: {name!r} is no effect of this mechanism; {suggestion(name, sorted(known))}")
+    effects = [effect for effect in known.values() if effect.id not in without]
+    conditions = problem.conditions()
+    space = space_of_mechanism(problem.mechanism, experiment.known_to, problem.usual.is_driven)
+    simulator = problem.simulator(effects)
+    found = search_models(make_dataset(conditions, simulator), Parameterization(space), effects, progress)
+    progress("summing up", 0.97)
+    decision = decide(found)
+    if len(conditions) < FEWEST_CONDITIONS:
+        length_s = WINDOWS_OF_CONDITION * experiment.windows.length_s
+        decision = not_enough_data(found, f"{len(conditions)} stretches of {length_s:g} s, {FEWEST_CONDITIONS} are needed")
+    result = build_result(experiment.title, found, decision, effects, MECHANISMS)
+    settings = {"window_s": experiment.windows.length_s, "bin_s": experiment.windows.bin_s, "step_s": problem.step_s, "integrator": "RK4"}
+    stated = decision.explanation if result.found_effects else found.nothing
+    plant = simulator.plant(stated.fitted.coordinates.supposed(stated.marginal.posterior.mean))
+    return MechanismDiagnosis(replace(result, settings={**result.settings, **settings}), plant)

@@ -1,0 +1,149 @@
+"""Windows of a mechanism's recordings as conditions, and the simulator that predicts them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.swings import bin_means
+from rfca_rig.diagnosis.data.observations import Label, Observations
+from rfca_rig.diagnosis.data.windows import WindowRows, observe
+from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, shift_plant
+from rfca_rig.diagnosis.simulator import Simulator
+from rfca_rig.mechanism.load import Mechanism
+from rfca_rig.mechanism.plant import Plant, make_plant
+from rfca_rig.mechanism.rollout import CommandTrace, roll
+from rfca_rig.model.effect import Effect
+
+Floats = NDArray[np.float64]
+
+MECHANISMS = "motions"  # what their experiment is called
+SMOOTH_OVER = 0.3  # of a window: over that share of it the model's error is alike, as torques err with the joint's angle
+
+
+@dataclass(frozen=True)
+class Window:
+    """One window of a run.
+
+    Parameters
+    ----------
+    run
+        Which one.
+    start_s
+        Where it begins.
+    trace
+        The commands around it.
+    position, speed
+        (n,) the state at its beginning, as read.
+    t_s
+        (k,) times of its samples, from its beginning.
+    bins
+        (b,) the first sample of each bin.
+    measured, sensor_std
+        (s, b) means over the bins, and their standard deviations.
+    start_effect
+        (2 n, s, b) what an error of one standard deviation in each position and speed of the start makes of them.
+    scale
+        (s, b) what torques that are wrong by their full usual size make of them.
+    gain
+        (2 n, s b) the errors of the start, in standard deviations, that a misfit shows.
+    """
+
+    run: int
+    start_s: float
+    trace: CommandTrace
+    position: Floats
+    speed: Floats
+    t_s: Floats
+    bins: NDArray[np.intp]
+    measured: Floats
+    sensor_std: Floats
+    start_effect: Floats
+    scale: Floats
+    gain: Floats
+
+    @property
+    def middles_s(self) -> Floats:
+        """(b,) where the bins lie, from the beginning."""
+        return bin_means(self.t_s[:, None], self.bins)[:, 0]
+
+
+@dataclass(frozen=True)
+class Motions:
+    """A few windows of one run, which are one condition.
+
+    Parameters
+    ----------
+    name, run
+        In words: with its times, and without.
+    signals
+        The signals' names, which end with their units.
+    windows
+        The windows.
+    """
+
+    name: str
+    run: str
+    signals: tuple[str, ...]
+    windows: tuple[Window, ...]
+
+    @property
+    def repeats(self) -> Floats:
+        """None: every window is recorded once."""
+        return np.empty((1, 0))
+
+    def rows(self) -> Observations:
+        """What was measured here."""
+        parts = [WindowRows(w.start_s + w.middles_s, w.measured, w.sensor_std, w.scale) for w in self.windows]
+        labels = tuple(Label(MECHANISMS, self.name, signal) for signal in self.signals)
+        return observe(parts, labels, self.run, SMOOTH_OVER * float(self.windows[0].t_s[-1]))
+
+
+@dataclass(frozen=True)
+class MechanismSimulator(Simulator):
+    """A mechanism, the columns of its signals, and the effects that may be added.
+
+    Parameters
+    ----------
+    mechanism
+        The nominal model.
+    step_s
+        The integrator's step.
+    columns
+        (s,) the column of each signal in positions and speeds side by side, (2 n).
+    effects
+        By id.
+    """
+
+    mechanism: Mechanism
+    step_s: float
+    columns: NDArray[np.intp]
+    effects: Mapping[str, Effect]
+
+    def plant(self, at: MechanismInput) -> Plant:
+        """The plant with these nuisance parameters and effects."""
+        import mujoco  # noqa: PLC0415  (optional)
+
+        plant = make_plant(self.mechanism, self.step_s)
+        shift_plant(plant, at)
+        for present in at.effects:
+            plant = self.effects[present.id].apply(plant, dict(present.values))
+        mujoco.mj_setConst(plant.model, mujoco.MjData(plant.model))
+        return plant
+
+    def follow(self, plant: Plant, window: Window) -> Floats:
+        """What the plant does from the measured start, (s, b). Raises SimulationFailed."""
+        motion = roll(plant, window.trace, window.position, window.speed, window.t_s)
+        read = np.concatenate([motion.position, motion.speed], axis=1)[:, self.columns]
+        return bin_means(read, window.bins).T
+
+    def simulate(self, at: MechanismInput, condition: Motions) -> Floats:
+        """What the model says of a condition, (m,), from the starts that suit it best. Raises SimulationFailed."""
+        plant = self.plant(at)
+        found = []
+        for window in condition.windows:
+            here = self.follow(plant, window)
+            start_error = window.gain @ (window.measured - here).ravel()
+            found.append((here + np.tensordot(start_error, window.start_effect, 1)).ravel())
+        return np.concatenate(found)

@@ -1,0 +1,9 @@
+"""A mechanism of hinges and slides that MuJoCo simulates, with the physics that its model may lack.
+
+1. `load.load_mechanism`: an MJCF or URDF file becomes a `Mechanism`.
+2. `plant.Plant`: one version of it, which effects and nuisance parameters change.
+3. `rollout.roll`: the plant's motion from a start under recorded commands.
+4. `effects.list_effects`: the effects for the joints of a mechanism.
+
+MuJoCo is an optional dependency. Nothing outside of this package imports it.
+"""

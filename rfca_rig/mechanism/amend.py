@@ -1,0 +1,55 @@
+"""The model file of a mechanism with what a diagnosis found, for the user's own tools."""
+
+from pathlib import Path
+
+import numpy as np
+
+from rfca_rig.mechanism.plant import Plant
+from rfca_rig.recording.atomic import write_atomically
+
+
+def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
+    """Writes MJCF with the plant's joints, bodies, actuators and gravity.
+
+    Parameters
+    ----------
+    plant
+        The mechanism with nuisance parameters and effects.
+    path
+        Where the file goes; all or nothing.
+
+    Returns
+    -------
+    tuple of str
+        What MJCF does not hold, in words.
+    """
+    import mujoco  # noqa: PLC0415  (optional)
+
+    spec, model = mujoco.MjSpec.from_file(str(plant.mechanism.path)), plant.model
+    for place, joint in enumerate(spec.joints):
+        joint.frictionloss, joint.armature = plant.friction[place], model.dof_armature[place]
+        joint.damping = [model.dof_damping[place], *model.dof_dampingpoly[place]]
+        joint.stiffness = [model.jnt_stiffness[place], *model.jnt_stiffnesspoly[place]]
+    for place, body in enumerate(spec.bodies):
+        if place > 0 and model.body_mass[place] > 0.0:
+            body.explicitinertial = True
+            body.mass, body.ipos, body.iquat = model.body_mass[place], model.body_ipos[place], model.body_iquat[place]
+            body.inertia, body.fullinertia = model.body_inertia[place], np.full(6, np.nan)
+    for place, actuator in enumerate(spec.actuators):
+        actuator.gear = model.actuator_gear[place] * plant.command_gain[place]
+    spec.option.gravity = model.opt.gravity
+    spec.compile()
+    write_atomically(path, spec.to_xml().encode("utf-8"))
+    return tuple(words for words, is_there in _beyond_mjcf(plant) if is_there)
+
+
+def _beyond_mjcf(plant: Plant) -> list[tuple[str, bool]]:
+    return [
+        ("friction that falls with speed", bool(plant.stribeck[0].any())),
+        ("friction that grows with load", bool(plant.load_loss.any())),
+        ("steady torques in the joints", bool(plant.torque_offset.any())),
+        ("zero offsets of the readings", bool(plant.zero_offset.any())),
+        ("saturation of the commands", bool(np.isfinite(plant.command_limit).any())),
+        ("delay or lag of the commands", plant.command_delay_s != 0.0 or plant.command_lag_s > 0.0),
+        ("lag of the speed readings", plant.speed_lag_s > 0.0),
+    ]

@@ -1,0 +1,116 @@
+"""Loads a mechanism from an MJCF or URDF file."""
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.errors import BadInput
+
+Floats = NDArray[np.float64]
+
+ARENA_BYTES = 1 << 20  # of a simulation's memory; the default of 15 MB takes longer to allocate than a window to simulate
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """A model file, compiled.
+
+    Parameters
+    ----------
+    path
+        Where it stands.
+    model
+        MuJoCo's model; nobody changes it.
+    joints, actuators, bodies
+        Names; one degree of freedom per joint, in MuJoCo's order. The world is no body.
+    is_slide
+        (n,) whether a joint slides: its angle is a distance then, its torque a force.
+    driven
+        (n,) whether an actuator acts on the joint.
+    """
+
+    path: Path
+    model: Any
+    joints: tuple[str, ...]
+    actuators: tuple[str, ...]
+    bodies: tuple[str, ...]
+    is_slide: NDArray[np.bool_]
+    driven: NDArray[np.bool_]
+
+    def joint(self, name: str, where: str) -> int:
+        """The place of a joint. Raises BadInput, which begins with `where`."""
+        return _place(name, self.joints, "joint", where)
+
+    def actuator(self, name: str, where: str) -> int:
+        """The place of an actuator. Raises BadInput, which begins with `where`."""
+        return _place(name, self.actuators, "actuator", where)
+
+    @property
+    def torque_units(self) -> tuple[str, ...]:
+        """What ends the name of a torque or force of each joint."""
+        return tuple("N" if slides else "Nm" for slides in self.is_slide)
+
+
+def _place(name: str, names: tuple[str, ...], kind: str, where: str) -> int:
+    if name not in names:
+        raise BadInput(f"{where}: {kind} {name!r} is not in the model; it has {', '.join(names) or 'none'}")
+    return names.index(name)
+
+
+def _ignore(text: str) -> None:
+    """Takes MuJoCo's warnings."""
+
+
+def load_mechanism(path: Path) -> Mechanism:
+    """The mechanism that a model file describes.
+
+    Parameters
+    ----------
+    path
+        An MJCF or URDF file. All its joints are hinges or slides with names.
+
+    Raises
+    ------
+    BadInput
+        Where MuJoCo is not installed, the file is not there, MuJoCo refuses it, or it has other joints.
+    """
+    if find_spec("mujoco") is None:
+        raise BadInput("MuJoCo is not installed, which simulates mechanisms; pip install 'rfca-rig[mechanism]'")
+    import mujoco  # noqa: PLC0415  (optional)
+
+    mujoco.set_mju_user_warning(_ignore)  # it would write a log file where the user stands; `roll` finds what diverges
+    if not path.is_file():
+        raise BadInput(f"{path}: is not there; model names an MJCF or URDF file")
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        spec.memory = ARENA_BYTES
+        model = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise BadInput(f"{path}: MuJoCo refuses the model: {' '.join(str(error).split())}") from None
+    kinds = {int(mujoco.mjtJoint.mjJNT_HINGE): False, int(mujoco.mjtJoint.mjJNT_SLIDE): True}
+    joints = tuple(model.joint(i).name for i in range(model.njnt))
+    for name, kind in zip(joints, model.jnt_type, strict=True):
+        if not name:
+            raise BadInput(f"{path}: a joint has no name; give every joint one, as signals and effects need it")
+        if int(kind) not in kinds:
+            raise BadInput(f"{path}: joint {name!r} is neither a hinge nor a slide; ball and free joints are not supported")
+    if not joints:
+        raise BadInput(f"{path}: the model has no joint, so nothing moves")
+    actuators = tuple(model.actuator(i).name or f"actuator{i + 1}" for i in range(model.nu))
+    driven = np.zeros(model.njnt, dtype=bool)
+    for kind, (target, _) in zip(model.actuator_trntype, model.actuator_trnid, strict=True):
+        if kind == mujoco.mjtTrn.mjTRN_JOINT:
+            driven[target] = True
+    return Mechanism(
+        path=path,
+        model=model,
+        joints=joints,
+        actuators=actuators,
+        bodies=tuple(model.body(i).name or f"body{i}" for i in range(1, model.nbody)),
+        is_slide=np.array([kinds[int(kind)] for kind in model.jnt_type]),
+        driven=driven,
+    )

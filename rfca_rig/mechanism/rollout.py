@@ -1,0 +1,180 @@
+"""The compiled loop that carries a plant through a recording: MuJoCo's own step, and laws that its models do not have.
+
+`mujoco.rollout` takes forces as functions of time alone. Friction that depends on speed or load must be known at each step, so the loop
+calls MuJoCo's step by its address, with the interpreter lock released.
+"""
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.mechanism.plant import Plant
+from rfca_rig.model.compiled import compiled
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CommandTrace:
+    """What the actuators were told: times `t_s` (k,) ascending, `command` (k, u) in the actuators' units, straight between them."""
+
+    t_s: Floats
+    command: Floats
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Positions and speeds (k, n) of the joints as they would be read, in rad and rad/s or m and m/s."""
+
+    position: Floats
+    speed: Floats
+
+
+@cache
+def _step_address() -> int:
+    """The address of MuJoCo's `mj_step`."""
+    import mujoco  # noqa: PLC0415  (optional)
+
+    folder = Path(mujoco.__file__).parent
+    library = next(path for name in ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll") for path in folder.glob(name))
+    return int(ctypes.cast(ctypes.CDLL(str(library)).mj_step, ctypes.c_void_p).value or 0)
+
+
+def _call_step(typing_context: Any, address: Any, model: Any, data: Any) -> Any:
+    del typing_context
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        del signature
+        pointer = ir.IntType(8).as_pointer()
+        function = ir.FunctionType(ir.VoidType(), [pointer, pointer]).as_pointer()
+        places = [builder.inttoptr(argument, pointer) for argument in arguments[1:]]
+        builder.call(builder.inttoptr(arguments[0], function), places)
+        return context.get_dummy_value()
+
+    return types.void(address, model, data), generate
+
+
+call_step = cast(Callable[[int, int, int], None], intrinsic(_call_step))
+
+
+@compiled
+def carry(
+    step: int,
+    model: int,
+    data: int,
+    q: Floats,
+    w: Floats,
+    ctrl: Floats,
+    by_actuators: Floats,
+    frictionloss: Floats,
+    command: Floats,
+    friction: Floats,
+    path_q: Floats,
+    path_w: Floats,
+) -> None:
+    """Steps through `command` (k, u) and notes positions and speeds before each step and after the last, (k + 1, n).
+
+    `friction` (5, n): dry friction, Stribeck friction, its rise and its speed, and the share of the load that is lost. The arrays from `q`
+    to `frictionloss` are MuJoCo's own.
+    """
+    for k in range(command.shape[0]):
+        for i in range(q.size):
+            path_q[k, i], path_w[k, i] = q[i], w[i]
+            rise = friction[2, i] * np.exp(-abs(w[i]) / friction[3, i]) if friction[1, i] > 0.0 else 0.0
+            frictionloss[i] = friction[0, i] + friction[1, i] * (1.0 + rise) + friction[4, i] * abs(by_actuators[i])
+        for j in range(ctrl.size):
+            ctrl[j] = command[k, j]
+        call_step(step, model, data)
+    for i in range(q.size):
+        path_q[-1, i], path_w[-1, i] = q[i], w[i]
+
+
+@compiled
+def lag(values: Floats, share: float) -> None:
+    """A first-order low-pass over the rows of (k, n), in place; it begins in its steady state."""
+    for k in range(1, values.shape[0]):
+        for i in range(values.shape[1]):
+            values[k, i] = values[k - 1, i] + share * (values[k, i] - values[k - 1, i])
+
+
+def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s: Floats) -> Motion:
+    """The motion from a start at time zero.
+
+    Parameters
+    ----------
+    plant
+        What moves.
+    trace
+        What its actuators were told. It begins before zero, so that delays and lags are filled.
+    position, speed
+        (n,) as read at the start.
+    t_s
+        (k,) ascending, above zero, where the motion is read.
+
+    Raises
+    ------
+    SimulationFailed
+        Where the simulation diverges.
+    """
+    import mujoco  # noqa: PLC0415  (optional)
+
+    model, h = plant.model, plant.step_s
+    data = mujoco.MjData(model)
+    steps = int(np.ceil(t_s[-1] / h - 1e-9))
+    data.qpos[:], data.qvel[:] = position - plant.zero_offset, speed
+    data.qfrc_applied[:] = plant.torque_offset
+    commands = _commands(plant, trace, steps)
+    data.ctrl[:] = commands[0]
+    mujoco.mj_forward(model, data)  # the first step's friction asks for the actuators' torques
+    path_q, path_w = np.empty((steps + 1, model.nv)), np.empty((steps + 1, model.nv))
+    friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss])
+    carry(
+        _step_address(), model._address, data._address,
+        data.qpos, data.qvel, data.ctrl, data.qfrc_actuator, model.dof_frictionloss,
+        commands, friction, path_q, path_w,
+    )  # fmt: skip
+    if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
+        raise SimulationFailed(f"the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
+    read_w = path_w.copy() if plant.speed_lag_s > 0.0 else path_w
+    if plant.speed_lag_s > 0.0:
+        lag(read_w, 1.0 - float(np.exp(-h / plant.speed_lag_s)))
+    place = np.minimum((t_s / h).astype(np.intp), steps - 1)
+    x = (t_s / h - place)[:, None]
+    return Motion(_between(path_q, path_w, place, x, h) + plant.zero_offset, read_w[place] + x * (read_w[place + 1] - read_w[place]))
+
+
+def _between(path_q: Floats, path_w: Floats, place: NDArray[np.intp], x: Floats, h: float) -> Floats:
+    """The cubic through both ends of a step with their speeds, at the share `x` (k, 1) of the steps at `place`."""
+    rise = path_q[place + 1] - path_q[place]
+    bend = (1.0 - x) * (h * path_w[place] - rise) + x * (rise - h * path_w[place + 1])
+    between: Floats = path_q[place] + x * rise + x * (1.0 - x) * bend
+    return between
+
+
+def _commands(plant: Plant, trace: CommandTrace, steps: int) -> Floats:
+    """(k, u) what acts during each step: the mean over the step, after delay, lag, gain and saturation."""
+    if trace.command.shape[1] == 0:
+        return np.empty((steps, 0))
+    h, before = plant.step_s, int(max(0.0, -trace.t_s[0] / plant.step_s)) if plant.command_lag_s > 0.0 else 0
+    edges = np.arange(-before, steps + 1) * h - plant.command_delay_s
+    spans = 0.5 * np.diff(trace.t_s)[:, None] * (trace.command[1:] + trace.command[:-1])
+    total = np.vstack([np.zeros(trace.command.shape[1]), np.cumsum(spans, axis=0)])
+    # outside of the trace its ends go on
+    first, last = trace.t_s[0], trace.t_s[-1]
+    beyond = np.minimum(edges - first, 0.0)[:, None] * trace.command[0] + np.maximum(edges - last, 0.0)[:, None] * trace.command[-1]
+    sums = np.column_stack([np.interp(edges, trace.t_s, column) for column in total.T]) + beyond
+    command = np.diff(sums, axis=0) / h
+    if plant.command_lag_s > 0.0:
+        lag(command, 1.0 - float(np.exp(-h / plant.command_lag_s)))
+        command[1:] = 0.5 * (command[1:] + command[:-1])  # the mean over the step, not the value at its end
+    return np.ascontiguousarray(np.clip(command[before:] * plant.command_gain, -plant.command_limit, plant.command_limit))

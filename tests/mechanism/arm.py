@@ -1,0 +1,164 @@
+"""A planar arm with geared joints, simulated by SciPy from its own equations: MuJoCo and the package's laws have no part in it.
+
+The joints turn in a vertical plane, driven towards a reference by a controller whose torques are recorded. Friction is LuGre's: a bristle
+with a Stribeck curve that falls as a Gaussian, and a share of the load.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+GRAVITY_M_S2 = 9.81
+SAMPLE_S = 0.002
+BRISTLE_RAD = 0.002  # bend of a bristle at the friction torque
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Dry friction at high speed per joint, its rise at rest as a share, the speed it falls with, a viscous part, a share of the load."""
+
+    coulomb_Nm: tuple[float, ...]
+    rise: float = 0.0
+    falls_rad_s: float = 0.3
+    viscous_Nm_s_per_rad: tuple[float, ...] = (0.0, 0.0, 0.0)
+    of_load: float = 0.0
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Links are rods. `rotor_kg_m2` is added to a joint's own inertia, and an encoder reads `zero_rad` too much."""
+
+    length_m: tuple[float, ...] = (0.35, 0.3, 0.2)
+    mass_kg: tuple[float, ...] = (2.0, 1.4, 0.7)
+    friction: Friction = field(default_factory=lambda: Friction((0.0, 0.0, 0.0)))
+    rotor_kg_m2: tuple[float, ...] = (0.0, 0.0, 0.0)
+    zero_rad: tuple[float, ...] = (0.0, 0.0, 0.0)
+    torque_factor: float = 1.0
+    torque_delay_s: float = 0.0
+    angle_error_rad: float = 1e-4
+    speed_error_rad_s: float = 5e-3
+
+    @property
+    def joints(self):
+        return len(self.length_m)
+
+
+def mjcf(arm):
+    """The rigid part of the arm for MuJoCo, without anything that dissipates."""
+    body, tail = "", ""
+    for number, (length, mass) in enumerate(zip(arm.length_m, arm.mass_kg, strict=True), start=1):
+        at = -arm.length_m[number - 2] if number > 1 else 0.0
+        inertia = mass * length**2 / 12.0
+        body += (
+            f'<body name="link{number}" pos="0 0 {at}"><joint name="joint{number}" type="hinge" axis="0 -1 0"/>'
+            f'<inertial pos="0 0 {-length / 2}" mass="{mass}" diaginertia="{inertia} {inertia} 1e-4"/>'
+        )
+        tail += "</body>"
+    motors = "".join(f'<motor name="motor{j + 1}" joint="joint{j + 1}" gear="1"/>' for j in range(arm.joints))
+    return (
+        '<mujoco model="arm"><option gravity="0 0 -9.81" timestep="0.001"/>'
+        f"<worldbody>{body}{tail}</worldbody><actuator>{motors}</actuator></mujoco>"
+    )
+
+
+def record(arm, seconds, seed, pose_rad=0.8, size_rad=0.5):
+    """Times (m,), angles, speeds and torques (m, n) as recorded under a controller that follows sines in every joint."""
+    random = np.random.default_rng(seed)
+    n = arm.joints
+    rates = random.uniform(2.0, 7.0, (n, 3))
+    phases = random.uniform(0.0, 2.0 * np.pi, (n, 3))
+    middle = random.uniform(-pose_rad, pose_rad, n)
+    stiff, damp = 60.0 * np.array([1.0, 0.6, 0.3][:n]), 6.0 * np.array([1.0, 0.6, 0.3][:n])
+    t_s = np.arange(0.0, seconds, SAMPLE_S)
+    # the controller is sampled, and its torque is held: what is recorded is what was told
+    state = np.concatenate([middle, np.zeros(n), np.zeros(n)])
+    angles, speeds, torques = np.empty((t_s.size, n)), np.empty((t_s.size, n)), np.empty((t_s.size, n))
+    late = round(arm.torque_delay_s / SAMPLE_S)
+    for k, t in enumerate(t_s):
+        wave = (size_rad / 3.0) * np.sin(rates * t + phases)
+        rate = (size_rad / 3.0) * rates * np.cos(rates * t + phases)
+        angles[k], speeds[k] = state[:n], state[n : 2 * n]
+        gravity = _weight(arm, np.cumsum(state[:n]))
+        torques[k] = stiff * (middle + wave.sum(axis=1) - state[:n]) + damp * (rate.sum(axis=1) - state[n : 2 * n]) + gravity
+        told = torques[max(k - late, 0)] * arm.torque_factor
+        state = _advance(arm, state, told)
+    noise = np.random.default_rng([seed, 1])
+    return (
+        t_s,
+        angles + np.array(arm.zero_rad) + arm.angle_error_rad * noise.standard_normal(angles.shape),
+        speeds + arm.speed_error_rad_s * noise.standard_normal(speeds.shape),
+        torques,
+    )
+
+
+def _advance(arm, state, torque):
+    found = solve_ivp(
+        lambda _, x: _rate(arm, x, torque), (0.0, SAMPLE_S), state, method="RK23", rtol=1e-6, atol=1e-8, max_step=SAMPLE_S / 4
+    )
+    return found.y[:, -1]
+
+
+def _weight(arm, absolute):
+    """The torque (n,) in each joint that holds the arm against its weight."""
+    length, mass = np.array(arm.length_m), np.array(arm.mass_kg)
+    beyond = np.append(np.cumsum(mass[::-1])[::-1][1:], 0.0)
+    own = GRAVITY_M_S2 * (mass * length / 2.0 + beyond * length) * np.sin(absolute)
+    return np.cumsum(own[::-1])[::-1]
+
+
+def _rate(arm, state, torque):
+    n = arm.joints
+    q, w, bristle = state[:n], state[n : 2 * n], state[2 * n :]
+    friction, bend = _friction(arm, w, bristle, torque)
+    absolute, turning = np.cumsum(q), np.cumsum(w)
+    length, mass = np.array(arm.length_m), np.array(arm.mass_kg)
+    beyond = np.append(np.cumsum(mass[::-1])[::-1][1:], 0.0)
+    # kinetic energy in absolute angles: 1/2 sum c_ij cos(theta_i - theta_j) theta_i' theta_j'
+    heavy = mass * length / 2.0 + beyond * length
+    moment = np.where(np.arange(n)[:, None] < np.arange(n)[None, :], length[:, None] * heavy[None, :], 0.0)
+    moment = moment + moment.T + np.diag(mass * length**2 / 3.0 + beyond * length**2)
+    difference = absolute[:, None] - absolute[None, :]
+    inertia, whirl = moment * np.cos(difference), (moment * np.sin(difference)) @ turning**2
+    weight = GRAVITY_M_S2 * heavy * np.sin(absolute)
+    ones = np.tril(np.ones((n, n)))  # absolute angles are sums of joint angles
+    in_joints = ones.T @ inertia @ ones + np.diag(arm.rotor_kg_m2)
+    acceleration = np.linalg.solve(in_joints, torque - friction - ones.T @ (whirl + weight))
+    return np.concatenate([w, acceleration, bend])
+
+
+def _friction(arm, w, bristle, torque):
+    law = arm.friction
+    full = np.array(law.coulomb_Nm) * (1.0 + law.rise * np.exp(-((w / law.falls_rad_s) ** 2))) + law.of_load * np.abs(torque)
+    viscous = np.array(law.viscous_Nm_s_per_rad[: arm.joints]) * w
+    there = full > 0.0
+    stiffness = np.where(there, full, 0.0) / BRISTLE_RAD
+    bend = np.where(there, w - np.abs(w) * bristle / BRISTLE_RAD, 0.0)
+    damping = 0.05 * np.sqrt(stiffness) * 0.1
+    return stiffness * bristle + damping * bend + viscous, bend
+
+
+def write_campaign(folder, arm, nominal, recordings, known_to):
+    """A folder with experiment.toml, model.xml of the nominal arm, and a CSV file of each recording."""
+    folder.mkdir(parents=True)
+    (folder / "model.xml").write_text(mjcf(nominal), encoding="utf-8")
+    joints = range(1, arm.joints + 1)
+    names = ["t", *(f"q{j}" for j in joints), *(f"w{j}" for j in joints), *(f"tau{j}" for j in joints)]
+    for number, (t_s, angle, speed, torque) in enumerate(recordings, start=1):
+        rows = np.column_stack([t_s, np.degrees(angle), speed, torque])
+        np.savetxt(folder / f"run{number}.csv", rows, delimiter=",", header=",".join(names), comments="", fmt="%.8g")
+    signals = [f'{{ joint = "joint{j}", quantity = "position", column = "q{j}", unit = "deg" }}' for j in joints]
+    signals += [f'{{ joint = "joint{j}", quantity = "speed", column = "w{j}", unit = "rad/s" }}' for j in joints]
+    commands = [f'{{ actuator = "motor{j}", column = "tau{j}", unit = "N m" }}' for j in joints]
+    runs = [f'{{ file = "run{k}.csv", condition = "sines {k}" }}' for k in range(1, len(recordings) + 1)]
+    text = f"""format = "rfca-experiment/1"
+title = "arm"
+model = "model.xml"
+time = {{ column = "t", unit = "s" }}
+signals = [{", ".join(signals)}]
+commands = [{", ".join(commands)}]
+recordings = [{", ".join(runs)}]
+[known_to]
+"""
+    (folder / "experiment.toml").write_text(text + "".join(f"{k} = {v}\n" for k, v in known_to.items()), encoding="utf-8")
+    return folder

@@ -1,0 +1,178 @@
+"""The diagnosis of mechanisms: an arm that another engine simulated, and a real pendulum, with their physics left out of the model file."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from rfca_rig.campaign.experiment import read_experiment
+from rfca_rig.cli.main import app
+from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
+from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
+from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.errors import BadInput
+from rfca_rig.mechanism.load import load_mechanism
+from tests.mechanism.arm import Arm, Friction, record, write_campaign
+from tests.real.__main__ import put_together, read_sets
+
+NOMINAL = Arm()
+KNOWN_TO = {"mass_relative": 0.02, "centre_of_mass_m": 0.003, "zero_offset_rad": 0.002}
+
+
+def campaign(folder, arm, seconds=6.0, seeds=(0, 1)):
+    return write_campaign(folder, arm, NOMINAL, [record(arm, seconds, seed) for seed in seeds], KNOWN_TO)
+
+
+def diagnosed(folder):
+    shares = []
+    found = diagnose_mechanism(read_experiment(folder), lambda _, share: shares.append(share)).diagnosis
+    assert shares == sorted(shares)
+    return found
+
+
+def sizes(effect):
+    return {name: value.value for name, value in effect.parameters.items()}
+
+
+@pytest.mark.slow
+def test_nothing_is_said_to_be_missing_of_an_arm_that_is_as_its_model(tmp_path):
+    found = diagnosed(campaign(tmp_path / "arm", NOMINAL))
+    assert found.grade == "nothing missing"
+    assert not found.effects
+    assert {one.id for one in found.not_seen} >= {"joint_friction", "joint_damping", "joint_inertia", "torque_scale"}
+
+
+@pytest.mark.slow
+def test_friction_of_bristles_in_one_joint_is_identified_with_joint_and_size(tmp_path):
+    found = diagnosed(campaign(tmp_path / "arm", replace(NOMINAL, friction=Friction((0.0, 0.4, 0.0)))))
+    (effect,) = found.effects
+    assert found.grade in ("identified", "mostly")
+    assert effect.id == "joint_friction_of_one"
+    assert sizes(effect) == pytest.approx({"joint": 2.0, "torque_Nm": 0.4}, rel=0.1)
+    assert all(figure.after < 0.2 * figure.before for figure in found.held_out.values())
+
+
+@pytest.mark.slow
+def test_rotors_are_identified_and_stand_in_the_amended_model(tmp_path):
+    rotor_kg_m2 = (0.05, 0.02, 0.004)
+    folder = campaign(tmp_path / "arm", replace(NOMINAL, rotor_kg_m2=rotor_kg_m2))
+    ran = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(tmp_path / "out")])
+    assert ran.exit_code == 0, ran.output
+    answer = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert [effect["id"] for effect in answer["effects"]] == ["joint_inertia"]
+    amended = load_mechanism(tmp_path / "out" / "model.xml")
+    assert amended.model.dof_armature == pytest.approx(rotor_kg_m2, rel=0.1)
+    assert "joint1" in (tmp_path / "out" / "diagnosis.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_a_real_pendulum_is_said_to_dissipate_through_this_simulator_too(tmp_path):
+    put_together("simple", read_sets()["simple"], tmp_path)
+    found = diagnosed(tmp_path)
+    assert found.grade in ("identified", "mostly", "family")
+    ids = {effect.id for effect in found.effects}
+    assert ids <= {"joint_friction", "joint_stribeck"}
+    assert ids or found.family.id == "joint_dissipation"
+    removed = [1.0 - (figure.after / figure.before) ** 2 for figure in found.held_out.values()]
+    assert min(removed) > 0.6
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    return campaign(tmp_path_factory.mktemp("short") / "arm", NOMINAL, seconds=1.4, seeds=(0,))
+
+
+def test_two_windows_are_not_enough_data(short):
+    assert diagnosed(short).grade == "not enough data"
+
+
+def test_windows_lie_beside_what_the_model_says_of_them(short):
+    experiment = read_experiment(short)
+    problem = make_problem(experiment, load_mechanism(experiment.model))
+    simulator = problem.simulator(())
+    (condition,) = problem.conditions()
+    rows = condition.rows()
+    predicted = simulator.simulate(MechanismInput(), condition)
+    usual = np.hypot(rows.noise, 0.01 * rows.scale)
+    assert np.sqrt(np.mean(((rows.measured - predicted) / usual) ** 2)) < 1.0
+    assert problem.signals[:2] == ("joint1_position_rad", "joint2_position_rad")
+    assert problem.usual.is_driven
+
+
+def test_the_step_is_as_long_as_the_motion_allows(short, tmp_path):
+    """A joint on a spring of 30 Hz and more needs shorter steps than one that swings freely."""
+    folder = shutil.copytree(short, tmp_path / "arm")
+    model = (folder / "model.xml").read_text(encoding="utf-8")
+    experiment = read_experiment(folder)
+    free_s = make_problem(experiment, load_mechanism(experiment.model)).step_s
+    (folder / "model.xml").write_text(model.replace('name="joint3"', 'name="joint3" stiffness="1000"'), encoding="utf-8")
+    stiff_s = make_problem(experiment, load_mechanism(experiment.model)).step_s
+    assert free_s == 4e-3
+    assert 1.25e-4 < stiff_s < free_s
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('joint = "joint3"', 'joint = "joint4"', "joint 'joint4' is not in the model; it has joint1, joint2, joint3"),
+        ('actuator = "motor3"', 'actuator = "motor4"', "actuator 'motor4' is not in the model"),
+        ('column = "q1", unit = "deg"', 'column = "q1", unit = "mm"', "does not suit a hinge"),
+        (
+            '{ joint = "joint3", quantity = "position", column = "q3", unit = "deg" }, ',
+            "",
+            "no signal holds the position of joint 'joint3'",
+        ),
+        ('model = "model.xml"', 'model = "none.xml"', "none.xml: is not there"),
+        ("[known_to]", "windows = { length_s = 3.0, bin_s = 0.1 }\n[known_to]", "no recording is longer than 3.12 s"),
+    ],
+)
+def test_what_does_not_fit_the_model_is_refused_in_one_line(short, tmp_path, old, new, said):
+    folder = shutil.copytree(short, tmp_path / "arm")
+    text = (folder / "experiment.toml").read_text(encoding="utf-8")
+    (folder / "experiment.toml").write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(BadInput) as refused:
+        diagnosed(folder)
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_an_unknown_effect_that_is_to_be_left_out_is_refused(short):
+    with pytest.raises(BadInput, match="'joint_frition' is no effect of this mechanism; did you mean joint_friction"):
+        diagnose_mechanism(read_experiment(short), lambda *_: None, ("joint_frition",))
+
+
+def test_options_for_a_leg_are_refused(short):
+    ran = CliRunner().invoke(app, ["diagnose", str(short), "--law", "joints"])
+    assert isinstance(ran.exception, BadInput)
+    assert "leave them out for a mechanism" in str(ran.exception)
+
+
+def test_a_draft_names_what_it_cannot_know_and_is_read_once_that_is_filled_in(short, tmp_path):
+    folder = tmp_path / "data"
+    folder.mkdir()
+    shutil.copy(short / "run1.csv", folder)
+    ran = CliRunner().invoke(app, ["init", "--mjcf", str(short / "model.xml"), "--data", str(folder)])
+    assert ran.exit_code == 0, ran.output
+    path = folder / "experiment.toml"
+    text = path.read_text(encoding="utf-8")
+    assert '[time]\ncolumn = "t"' in text
+    with pytest.raises(BadInput, match="should be one of"):
+        read_experiment(folder)
+    units = {"time": "s", "position": "deg", "speed": "rad/s", "command": "N m"}
+    letters = {"position": "q", "speed": "w", "command": "tau"}
+    filled, kind, number = [], "time", ""
+    for line in text.splitlines():
+        key, _, value = line.partition(" = ")
+        number = value[-2] if key in ("joint", "actuator") else number
+        kind = "command" if key == "actuator" else value.strip('"') if key == "quantity" else kind
+        answers = {"column": f'"{letters.get(kind)}{number}"', "unit": f'"{units[kind]}"'}
+        filled.append(f"{key} = {answers.get(key, 0.01)}" if value.startswith('"?"') else line)
+    path.write_text("\n".join(filled), encoding="utf-8")
+    run = read_experiment(folder).runs[0]
+    assert run.signals.shape[1] == 6
+    assert np.array_equal(run.signals, read_experiment(short).runs[0].signals[:, [0, 3, 1, 4, 2, 5]])
+    again = CliRunner().invoke(app, ["init", "--mjcf", str(short / "model.xml"), "--data", str(folder)])
+    assert isinstance(again.exception, BadInput)

@@ -1,0 +1,158 @@
+"""Effects and nuisance parameters of a mechanism: each acts, none at its neutral value, and the amended model moves alike."""
+
+import numpy as np
+import pytest
+
+from rfca_rig.mechanism.amend import write_amended_model
+from rfca_rig.mechanism.effects import UsualMotion, list_effects
+from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.mechanism.nuisances import NUISANCES, places_of
+from rfca_rig.mechanism.plant import make_plant
+from rfca_rig.mechanism.rollout import CommandTrace, roll
+from tests.mechanism.arm import Arm, mjcf
+
+START_RAD, START_RAD_S = np.array([0.9, -0.4, 0.7]), np.array([0.5, -1.0, 2.0])
+T_S = np.linspace(0.005, 0.5, 50)
+WAVE_S = np.arange(-0.1, 0.7, 0.002)
+TRACE = CommandTrace(WAVE_S, np.column_stack([np.sin(20.0 * WAVE_S)] * 3) * (4.0, 2.0, 1.0))
+USUAL = UsualMotion(
+    torque=np.array([5.0, 2.0, 0.7]),
+    speed=np.array([1.0, 1.0, 1.0]),
+    travel=np.array([0.3, 0.3, 0.3]),
+    inertia=np.array([0.6, 0.1, 0.01]),
+    command=np.array([4.0, 2.0, 1.0]),
+    has_speeds=True,
+)
+CART = (
+    '<mujoco><worldbody><body name="cart"><joint name="x" type="slide" axis="1 0 0"/><geom type="box" size="0.1 0.1 0.1" mass="1"/>'
+    '<body name="pole"><joint name="pivot" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.01" mass="0.2"/></body>'
+    '</body></worldbody><actuator><motor name="push" joint="x" gear="2"/></actuator></mujoco>'
+)
+
+
+@pytest.fixture(scope="module")
+def mechanism(tmp_path_factory):
+    path = tmp_path_factory.mktemp("arm") / "model.xml"
+    path.write_text(mjcf(Arm()), encoding="utf-8")
+    return load_mechanism(path)
+
+
+def moved(plant):
+    import mujoco
+
+    mujoco.mj_setConst(plant.model, mujoco.MjData(plant.model))
+    motion = roll(plant, TRACE, START_RAD, START_RAD_S, T_S)
+    return np.concatenate([motion.position, motion.speed], axis=1)
+
+
+def middle(parameter):
+    value = 0.5 * (parameter.low + parameter.high) or parameter.high
+    return float(round(value)) if parameter.whole else value
+
+
+@pytest.fixture(scope="module")
+def plain(mechanism):
+    return moved(make_plant(mechanism, 1e-3))
+
+
+def effects_of(mechanism):
+    return {effect.id: effect for effect in list_effects(mechanism, USUAL)}
+
+
+def test_ids_are_unique_and_every_variant_has_its_general_law(mechanism):
+    effects = list_effects(mechanism, USUAL)
+    found = [effect.id for effect in effects]
+    assert len(set(found)) == len(found)
+    assert {effect.variant_of for effect in effects} <= {"", *found}
+    assert {effect.id for effect in effects if effect.variant_of == "joint_stribeck"} == {"joint_friction", "joint_friction_of_one"}
+
+
+@pytest.mark.parametrize(
+    "effect_id",
+    [
+        *("joint_friction", "joint_damping", "joint_drag", "joint_inertia", "joint_spring", "joint_load_friction", "torque_scale"),
+        *("joint_stribeck", "torque_delay", "torque_lag", "torque_saturation", "speed_lag", "gravity_tilt", "added_mass"),
+        *("joint_friction_of_one", "joint_damping_of_one", "torque_scale_of_one"),
+    ],
+)
+def test_every_effect_changes_the_motion_and_leaves_the_mechanism_alone(mechanism, plain, effect_id):
+    effect = effects_of(mechanism)[effect_id]
+    plant = effect.apply(make_plant(mechanism, 1e-3), {p.name: middle(p) for p in effect.parameters})
+    assert np.abs(moved(plant) - plain).max() > 1e-3
+    assert np.array_equal(moved(make_plant(mechanism, 1e-3)), plain)
+
+
+@pytest.mark.parametrize("effect_id", ["joint_friction", "joint_damping", "joint_drag", "joint_inertia", "joint_spring"])
+def test_an_effect_of_one_joint_is_the_general_one_with_nothing_elsewhere(mechanism, effect_id):
+    effects = effects_of(mechanism)
+    general, single = effects[effect_id], effects[f"{effect_id}_of_one"]
+    size = middle(general.parameters[1])
+    alone = single.apply(make_plant(mechanism, 1e-3), {"joint": 2.0, single.parameters[1].name: size})
+    values = dict.fromkeys((p.name for p in general.parameters), 0.0) | {general.parameters[1].name: size}
+    assert np.array_equal(moved(alone), moved(general.apply(make_plant(mechanism, 1e-3), values)))
+
+
+def test_drag_resists_with_the_speed_squared(mechanism):
+    import mujoco
+
+    plant = effects_of(mechanism)["joint_drag_of_one"].apply(make_plant(mechanism, 1e-3), {"joint": 1.0, "coefficient_Nm_s2_per_rad2": 0.1})
+    data = mujoco.MjData(plant.model)
+    data.qvel[:] = (-3.0, 0.0, 0.0)
+    mujoco.mj_forward(plant.model, data)
+    assert data.qfrc_passive[0] == pytest.approx(0.9)
+
+
+def test_effects_of_what_was_not_recorded_are_not_looked_for(mechanism):
+    still = UsualMotion(USUAL.torque, USUAL.speed, USUAL.travel, USUAL.inertia, np.zeros(3), False)
+    found = {effect.id for effect in list_effects(mechanism, still)}
+    assert not found & {"torque_scale", "torque_delay", "torque_lag", "torque_saturation", "joint_load_friction", "speed_lag"}
+    assert "joint_friction" in found
+
+
+def test_a_slide_has_its_own_units(tmp_path):
+    (tmp_path / "cart.xml").write_text(CART, encoding="utf-8")
+    cart = load_mechanism(tmp_path / "cart.xml")
+    usual = UsualMotion(*(np.ones(2) for _ in range(4)), np.ones(1), True)
+    effects = {effect.id: effect for effect in list_effects(cart, usual)}
+    assert [p.name for p in effects["joint_friction"].parameters] == ["x_torque_N", "pivot_torque_Nm"]
+    assert [p.name for p in effects["joint_load_friction"].parameters] == ["loss_relative"]
+    assert places_of(cart, "slides") == {"x": 0}
+    assert places_of(cart, "hinges") == {"pivot": 1}
+    assert places_of(cart, "hinge motors") == {}
+    assert places_of(cart, "actuators") == {"push": 0}
+
+
+@pytest.mark.parametrize("key", [key for key, kind in NUISANCES.items() if "slide" not in kind.objects])
+def test_every_nuisance_parameter_changes_the_motion(mechanism, plain, key):
+    plant = make_plant(mechanism, 1e-3)
+    place = next(iter(places_of(mechanism, NUISANCES[key].objects).values()))
+    NUISANCES[key].shift(plant, place, 0.02)
+    assert np.abs(moved(plant) - plain).max() > 1e-4
+
+
+def test_what_is_never_negative_ends_at_zero(mechanism, plain):
+    plant = make_plant(mechanism, 1e-3)
+    for key in ("joint_damping_Nm_s_per_rad", "joint_friction_Nm", "rotor_inertia_kg_m2"):
+        NUISANCES[key].shift(plant, 1, -0.5)
+    assert np.array_equal(moved(plant), plain)
+
+
+def test_the_amended_model_moves_as_the_plant_does(mechanism, plain, tmp_path):
+    effects, plant = effects_of(mechanism), make_plant(mechanism, 1e-3)
+    for name in ("joint_friction", "joint_damping", "joint_drag", "joint_inertia", "torque_scale", "gravity_tilt", "added_mass"):
+        effect = effects[name]
+        plant = effect.apply(plant, {p.name: p.low + 0.05 * (p.high - p.low) if not p.whole else 2.0 for p in effect.parameters})
+    NUISANCES["centre_of_mass_m"].shift(plant, 0, 0.01)
+    expected = moved(plant)
+    assert write_amended_model(plant, tmp_path / "model.xml") == ()
+    amended = moved(make_plant(load_mechanism(tmp_path / "model.xml"), 1e-3))
+    assert np.abs(expected - plain).max() > 0.1
+    assert np.abs(amended - expected).max() < 1e-3
+
+
+def test_what_mjcf_does_not_hold_is_named(mechanism, tmp_path):
+    effects = effects_of(mechanism)
+    plant = effects["torque_delay"].apply(make_plant(mechanism, 1e-3), {"delay_s": 0.01})
+    plant = effects["joint_load_friction"].apply(plant, {p.name: 0.1 for p in effects["joint_load_friction"].parameters})
+    beyond = write_amended_model(plant, tmp_path / "model.xml")
+    assert beyond == ("friction that grows with load", "delay or lag of the commands")

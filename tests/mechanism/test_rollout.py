@@ -1,0 +1,155 @@
+"""MuJoCo's motion of a mechanism against an arm with equations of its own, and what happens to commands and readings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.mechanism.plant import make_plant
+from rfca_rig.mechanism.rollout import CommandTrace, roll
+from tests.mechanism.arm import Arm, Friction, _rate, mjcf
+
+ARM = Arm()
+START_RAD, START_RAD_S = np.array([0.9, -0.4, 0.7]), np.array([0.5, -1.0, 2.0])
+T_S = np.linspace(0.005, 0.5, 100)
+
+
+def loaded(tmp_path, text):
+    (tmp_path / "model.xml").write_text(text, encoding="utf-8")
+    return load_mechanism(tmp_path / "model.xml")
+
+
+def told(torque):
+    """The same torques all the time."""
+    return CommandTrace(np.array([-0.1, 0.7]), np.tile(torque, (2, 1)))
+
+
+def of_scipy(arm, torque):
+    """The arm's motion by its own equations, its bristles relaxed at first."""
+    state = np.concatenate([START_RAD, START_RAD_S, np.zeros(3)])
+    found = solve_ivp(lambda _, x: _rate(arm, x, np.array(torque)), (0.0, 0.5), state, t_eval=T_S, rtol=1e-9, atol=1e-11)
+    return found.y[:3].T, found.y[3:6].T
+
+
+@pytest.mark.parametrize("step_s", [4e-3, 1e-3])
+def test_a_rigid_arm_moves_as_its_equations_say(tmp_path, step_s):
+    motion = roll(make_plant(loaded(tmp_path, mjcf(ARM)), step_s), told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    position, speed = of_scipy(ARM, [2.0, -1.0, 0.3])
+    assert np.abs(motion.position - position).max() < 1e-5
+    assert np.abs(motion.speed - speed).max() < 0.05 * (step_s / 4e-3)
+
+
+def test_dry_friction_brakes_as_bristles_do(tmp_path):
+    """MuJoCo's is a constraint without bend; the bristles of the other arm bend by 2 mrad."""
+    arm = replace(ARM, friction=Friction((0.6, 0.4, 0.15)))
+    plant = make_plant(loaded(tmp_path, mjcf(ARM)), 2e-3)
+    without = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    plant.friction[:] = (0.6, 0.4, 0.15)
+    motion = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    position, _ = of_scipy(arm, [2.0, -1.0, 0.3])
+    assert np.abs(motion.position - position).max() < 0.06 * np.abs(without.position - position).max()
+
+
+def test_friction_of_a_load_is_a_share_of_the_torque(tmp_path):
+    plant = make_plant(loaded(tmp_path, mjcf(ARM)), 1e-3)
+    plant.load_loss[:] = 0.1
+    lost = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    plant.load_loss[:] = 0.0
+    plant.friction[:] = (0.2, 0.1, 0.03)
+    dry = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    assert np.abs(lost.position - dry.position).max() < 1e-4
+
+
+def test_stribeck_friction_is_dry_friction_at_high_speed_and_more_at_rest(tmp_path):
+    plant = make_plant(loaded(tmp_path, mjcf(ARM)), 1e-3)
+    plant.stribeck[0], plant.stribeck[1], plant.stribeck[2] = 0.2, 1.0, 1e-6
+    falls_at_once = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    plant.stribeck[2] = 1e6
+    never_falls = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    plant.stribeck[0] = 0.0
+    for torque, other in ((0.2, falls_at_once), (0.4, never_falls)):
+        plant.friction[:] = torque
+        dry = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+        assert np.abs(dry.position - other.position).max() < 2e-3
+
+
+def test_commands_act_late_by_the_delay_and_after_the_gain(tmp_path):
+    mechanism = loaded(tmp_path, mjcf(ARM))
+    t_s = np.arange(-0.1, 0.7, 0.001)
+    wave = np.column_stack([np.sin(30.0 * (t_s - late)) for late in (0.0, 0.0, 0.0)])
+    shifted = np.column_stack([np.sin(30.0 * (t_s - 0.02))] * 3)
+    plant = make_plant(mechanism, 1e-3)
+    plant.command_delay_s, plant.command_gain = 0.02, np.full(3, 2.0)
+    late = roll(plant, CommandTrace(t_s, wave), START_RAD, START_RAD_S, T_S)
+    same = roll(make_plant(mechanism, 1e-3), CommandTrace(t_s, 2.0 * shifted), START_RAD, START_RAD_S, T_S)
+    assert np.abs(late.position - same.position).max() < 1e-5
+    plant.command_limit[:] = 0.5
+    limited = roll(plant, CommandTrace(t_s, wave), START_RAD, START_RAD_S, T_S)
+    clipped = roll(make_plant(mechanism, 1e-3), CommandTrace(t_s, np.clip(2.0 * shifted, -0.5, 0.5)), START_RAD, START_RAD_S, T_S)
+    assert np.abs(limited.position - clipped.position).max() < 1e-3
+
+
+def test_a_lag_of_commands_and_of_speeds_follows_its_time_constant(tmp_path):
+    mechanism = loaded(tmp_path, mjcf(ARM))
+    t_s = np.arange(-0.4, 0.7, 0.001)
+    plant = make_plant(mechanism, 1e-3)
+    plant.command_lag_s = 0.03
+    lagged = roll(plant, CommandTrace(t_s, np.sin(10.0 * t_s)[:, None] * np.ones(3)), START_RAD, START_RAD_S, T_S)
+    # the steady answer of a low-pass to a sine
+    phase, share = np.arctan(10.0 * 0.03), 1.0 / np.hypot(1.0, 10.0 * 0.03)
+    steady = share * np.sin(10.0 * t_s - phase)
+    same = roll(make_plant(mechanism, 1e-3), CommandTrace(t_s, steady[:, None] * np.ones(3)), START_RAD, START_RAD_S, T_S)
+    assert np.abs(lagged.position - same.position).max() < 0.01
+    plant = make_plant(mechanism, 1e-3)
+    plain = roll(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
+    plant.speed_lag_s = 0.02
+    late = roll(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
+    rate = np.gradient(late.speed, T_S, axis=0)
+    assert np.abs(0.02 * rate + late.speed - plain.speed)[2:-2].max() < 0.15
+    assert np.array_equal(late.position, plain.position)
+
+
+def test_a_zero_offset_is_read_and_does_not_act(tmp_path):
+    plant = make_plant(loaded(tmp_path, mjcf(ARM)), 1e-3)
+    plain = roll(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
+    plant.zero_offset[:] = (0.1, -0.2, 0.3)
+    shifted = roll(plant, told([0.0] * 3), START_RAD + plant.zero_offset, START_RAD_S, T_S)
+    assert np.abs(shifted.position - plain.position - plant.zero_offset).max() < 1e-12
+
+
+def test_a_simulation_that_diverges_is_said_so_and_leaves_no_log(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = mjcf(ARM).replace('name="joint3"', 'name="joint3" damping="1e6"')
+    with pytest.raises(SimulationFailed, match="diverges"):
+        roll(make_plant(loaded(tmp_path, text), 1e-3), told([0.0] * 3), START_RAD, START_RAD_S, T_S)
+    assert [path.name for path in tmp_path.iterdir()] == ["model.xml"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('type="hinge"', 'type="ball"', "neither a hinge nor a slide"),
+        ('mass="2.0"', 'mass="-2.0"', "MuJoCo refuses the model"),
+        ("<worldbody>", "<worldbody", "MuJoCo refuses the model"),
+    ],
+)
+def test_a_model_that_cannot_be_used_is_refused_in_one_line(tmp_path, old, new, said):
+    with pytest.raises(BadInput) as refused:
+        loaded(tmp_path, mjcf(ARM).replace(old, new, 1))
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert str(tmp_path / "model.xml") in str(refused.value)
+
+
+def test_every_joint_needs_a_name(tmp_path):
+    text = '<mujoco><worldbody><body><joint axis="0 1 0"/><geom type="sphere" size="0.1" pos="0 0 1"/></body></worldbody></mujoco>'
+    with pytest.raises(BadInput, match="a joint has no name"):
+        loaded(tmp_path, text)
+
+
+def test_a_model_that_is_not_there_is_said_so(tmp_path):
+    with pytest.raises(BadInput, match="is not there"):
+        load_mechanism(tmp_path / "none.xml")

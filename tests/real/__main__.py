@@ -1,0 +1,73 @@
+"""The diagnosis of real recordings through MuJoCo: python -m tests.real FOLDER [SET...]
+
+Each set of sets.toml is put together in FOLDER and diagnosed. A row says what is stated, what was published, and the rms error of each
+position on held-out conditions before and after. Answers stay in FOLDER.
+"""
+
+import json
+import shutil
+import sys
+import tomllib
+from pathlib import Path
+
+from rfca_rig.campaign.experiment import read_experiment
+from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
+from rfca_rig.model.families import members_of
+
+HERE = Path(__file__).parent
+DATA = HERE.parent / "data"
+
+
+def put_together(name, described, folder):
+    """Description and model file of a set beside its recordings."""
+    shutil.copytree(DATA / described["recordings"] / "runs", folder / "runs")
+    for file in ("experiment.toml", "model.xml"):
+        shutil.copy(HERE / name / file, folder)
+
+
+def answer(name, described, out):
+    """What is said of a set, kept in a file."""
+    path = out / f"{name}.json"
+    if not path.exists():
+        if not (out / name).is_dir():
+            put_together(name, described, out / name)
+        found = diagnose_mechanism(read_experiment(out / name), lambda *_: None).diagnosis
+        said = {
+            "grade": found.grade,
+            "effects": {e.id: {n: [v.value, v.std] for n, v in e.parameters.items()} for e in found.effects},
+            "family": found.family.id if found.family is not None and not found.effects else "",
+            "held_out": {k: [f.before, f.after] for k, f in found.held_out.items() if "position" in k},
+        }
+        path.write_text(json.dumps(said, indent=1), encoding="utf-8")
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def contradicts(said, described):
+    """Whether an effect is stated that was not published, or a family without one that was."""
+    stated = [{name} for name in said["effects"]] or ([members_of(said["family"])] if said["family"] else [])
+    return any(not members & set(described["right"]) for members in stated)
+
+
+def read_sets():
+    """The sets by name."""
+    return tomllib.loads((HERE / "sets.toml").read_text(encoding="utf-8"))
+
+
+def main(out, names):
+    """A row for each set."""
+    sets = read_sets()
+    out.mkdir(parents=True, exist_ok=True)
+    print("| recordings | stated | published | held-out error of the positions |\n|---|---|---|---|")
+    for name in names or sets:
+        said = answer(name, sets[name], out)
+        sizes = "; ".join(
+            f"`{effect}` " + ", ".join(f"{v:.3g} +- {1.645 * s:.2g}" for v, s in values.values())
+            for effect, values in said["effects"].items()
+        )
+        stated = f"{said['grade']}: {sizes or said['family'] or '-'}{' CONTRADICTED' if contradicts(said, sets[name]) else ''}"
+        errors = ", ".join(f"{before:.3g} to {after:.3g}" for before, after in said["held_out"].values())
+        print(f"| {name} | {stated} | {sets[name]['published']} | {errors} |")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2:])
