@@ -99,7 +99,7 @@ def test_a_stribeck_law_of_another_exponent_is_measured_and_its_model_predicts_n
     truth = np.array([0.45 * (1.0 + 0.5 * np.exp(-((u / 0.28) ** 2))) for u in law.knots])
     inner = np.abs(law.knots) < 1.5
     # The exam's stick law is another one: with the true law in it this model fits its data worse than with the measured one.
-    assert np.abs(law.whole / truth - 1.0)[inner].max() < 0.08
+    assert np.abs(law.whole / truth - 1.0)[inner].max() < 0.1
     assert law.explained > 0.85
     write_measured_model(tmp_path / "model.toml", law, recording)
     again = read_model_file(tmp_path / "model.toml").model()
