@@ -219,7 +219,7 @@ def _window(
     window_s, bin_s = cut_s
     inside = (run.t_s > start_s) & (run.t_s <= start_s + window_s)
     t_s = run.t_s[inside] - start_s
-    bins = np.flatnonzero(np.diff(np.ceil(t_s / bin_s - 1e-6), prepend=0.0))  # a sample on the edge ends its bin
+    bins = bin_starts(t_s, bin_s)
     angle, speed, angle_std, speed_std = estimate_start(run.t_s, run.angle_rad, start_s, noise[0])
     counts = np.diff(np.append(bins, len(t_s)))
     measured = np.stack([bin_means(channel[inside], bins).T for channel in channels])
@@ -274,6 +274,11 @@ def _start_effect(window: SwingWindow, ready: DrivenPendulum, angle_std: Floats,
             )
             found.append(0.5 * (ahead.predicted(ready) - behind.predicted(ready)))
     return np.stack(found)
+
+
+def bin_starts(t_s: Floats, bin_s: float) -> Places:
+    """The first sample of each bin, of samples at times (k,) above zero; one on the edge ends its bin."""
+    return np.flatnonzero(np.diff(np.ceil(t_s / bin_s - 1e-6), prepend=0.0))
 
 
 def bin_means(values: Floats, bins: Places) -> Floats:

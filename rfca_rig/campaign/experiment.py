@@ -3,21 +3,18 @@
 docs/mechanisms.md shows an experiment.toml. Everything is in SI units behind this module: rad or m, rad/s or m/s, N m, N, A or V.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.experiment_layout import FILE_NAME, TIME_UNITS, ExperimentFile, WindowsSection
-from rfca_rig.campaign.table import Table, check_time, column, read_table
+from rfca_rig.campaign.experiment_layout import FILE_NAME, TIME_UNITS, ExperimentFile
+from rfca_rig.campaign.table import columns, read_table, select_samples
 from rfca_rig.description.toml import place_of, read_toml
 from rfca_rig.errors import BadInput
 
 Floats = NDArray[np.float64]
-
-FEWEST_SAMPLES = 10
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ class MechanismRun:
 
 @dataclass(frozen=True)
 class Experiment:
-    """The model file, what was recorded of it, and the standard uncertainties of [known_to]."""
+    """The model file, what was recorded of it, the standard uncertainties of [known_to], and the length of windows and of bins."""
 
     title: str
     path: Path
@@ -52,16 +49,9 @@ class Experiment:
     signals: tuple[RecordedSignal, ...]
     actuators: tuple[str, ...]
     known_to: dict[str, float]
-    windows: WindowsSection
+    window_s: float
+    bin_s: float
     runs: tuple[MechanismRun, ...]
-
-
-def experiment_among(paths: Sequence[Path]) -> Path | None:
-    """The folder with experiment.toml among `paths`, None where there is none. Raises BadInput where it does not stand alone."""
-    found = [path for path in paths if (path / FILE_NAME).is_file()]
-    if found and len(paths) > 1:
-        raise BadInput(f"{found[0]}: holds {FILE_NAME}, which names a model of its own; give it alone")
-    return found[0] if found else None
 
 
 def read_experiment(folder: Path) -> Experiment:
@@ -80,7 +70,8 @@ def read_experiment(folder: Path) -> Experiment:
         signals=signals,
         actuators=tuple(command.actuator for command in described.commands),
         known_to=described.known_to.model_dump(exclude_none=True),
-        windows=described.windows,
+        window_s=described.windows.length_s,
+        bin_s=described.windows.bin_s,
         runs=tuple(_read_run(folder, described, place) for place in range(len(described.recordings))),
     )
 
@@ -106,27 +97,19 @@ def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismR
         where = place_of(folder / FILE_NAME, ("recordings", place, "file"))
         raise BadInput(f"{where}: recordings[{place + 1}].file: {folder / run.file} is not there")
     table = read_table(folder / run.file)
-    t_s = TIME_UNITS[described.time.unit] * _column(table, described.time.column, "the time")
-    check_time(table, t_s)
-    inside = run.counts(t_s)
-    if inside.sum() < FEWEST_SAMPLES:
-        raise BadInput(f"{table.path}: {inside.sum()} samples between from_s and to_s; needs {FEWEST_SAMPLES} or more")
-    signals = [s.factor * _column(table, s.column, f"the {s.quantity} of joint {s.joint}") for s in described.signals]
-    commands = [
-        c.factor * _column(table, c.column, f"the command of actuator {c.actuator}") if run.driven else np.zeros(len(t_s))
-        for c in described.commands
-    ]
-    return MechanismRun(
-        label=f"{run.condition}, repeat {run.repeat}",
-        condition=run.condition,
-        t_s=t_s[inside],
-        signals=np.column_stack(signals)[inside],
-        commands=np.column_stack(commands)[inside] if commands else np.empty((int(inside.sum()), 0)),
-        driven=run.driven and bool(commands),
-    )
-
-
-def _column(table: Table, name: str, holds: str) -> Floats:
-    if name not in table.names:
-        raise BadInput(f"{table.path}:1: column {name}, which is to hold {holds}, is missing; the file has {', '.join(table.names)}")
-    return column(table, name)
+    signals, commands = described.signals, described.commands if run.driven else ()
+    holds = {described.time.column: "the time"}
+    holds |= {signal.column: f"the {signal.quantity} of joint {signal.joint}" for signal in signals}
+    holds |= {command.column: f"the command of actuator {command.actuator}" for command in commands}
+    for name, meaning in holds.items():
+        if name not in table.names:
+            raise BadInput(f"{table.path}:1: column {name}, which is to hold {meaning}, is missing; the file has {', '.join(table.names)}")
+    values = dict(zip(holds, columns(table, list(holds)).T, strict=True))
+    t_s = TIME_UNITS[described.time.unit] * values[described.time.column]
+    inside = select_samples(table, t_s, run.from_s, run.to_s)
+    recorded = np.column_stack([signal.factor * values[signal.column] for signal in signals])
+    commanded = np.zeros((len(t_s), len(described.commands)))
+    for number, command in enumerate(commands):
+        commanded[:, number] = command.factor * values[command.column]
+    label = f"{run.condition}, repeat {run.repeat}"
+    return MechanismRun(label, run.condition, t_s[inside], recorded[inside], commanded[inside], bool(commands))

@@ -16,7 +16,7 @@ from rfca_rig.campaign.experiment_layout import (
     SPEED_UNITS,
     TIME_UNITS,
 )
-from rfca_rig.campaign.table import numbers_if_any, read_table
+from rfca_rig.campaign.table import numeric_columns, read_table
 from rfca_rig.description.toml_writing import written
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.load import Mechanism
@@ -44,8 +44,7 @@ def write_draft(mechanism: Mechanism, folder: Path) -> Path:
 
 def draft(mechanism: Mechanism, folder: Path, files: list[Path]) -> str:
     """The text of the draft."""
-    table = read_table(files[0])
-    columns = {name: numbers_if_any(table, name) for name in table.names}
+    columns = numeric_columns(read_table(files[0]))
     rising = [name for name, values in columns.items() if values is not None and (np.diff(values) > 0.0).all()]
     lines = [
         f'# Replace every "?". Then: rfca-rig diagnose {folder.name}',

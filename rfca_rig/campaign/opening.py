@@ -23,9 +23,18 @@ def pendulum_among(paths: Sequence[Path]) -> Path | None:
 
     Raises BadInput where it does not stand alone: its model is another than that of every other path.
     """
-    found = [path for path in paths if (path / PENDULUM).is_file()]
+    return _alone_among(paths, PENDULUM, "is a campaign of a pendulum, whose model is its own")
+
+
+def experiment_among(paths: Sequence[Path]) -> Path | None:
+    """The same for recordings of a mechanism."""
+    return _alone_among(paths, EXPERIMENT, f"holds {EXPERIMENT}, which names a model of its own")
+
+
+def _alone_among(paths: Sequence[Path], description: str, meaning: str) -> Path | None:
+    found = [path for path in paths if (path / description).is_file()]
     if found and len(paths) > 1:
-        raise BadInput(f"{found[0]}: is a campaign of a pendulum, whose model is its own; give it alone")
+        raise BadInput(f"{found[0]}: {meaning}; give it alone")
     return found[0] if found else None
 
 

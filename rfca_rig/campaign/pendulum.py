@@ -38,14 +38,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.campaign.pendulum_layout import FILE_NAME, ColumnsSection, LinkSection, PendulumFile, PendulumRunSection
-from rfca_rig.campaign.table import Table, check_time, numbers, read_table
+from rfca_rig.campaign.table import Table, numbers, read_table, select_samples
 from rfca_rig.description.toml import place_of, read_toml
 from rfca_rig.errors import BadInput
 from rfca_rig.model.pendulum import Pendulum, PendulumLink
 
 Floats = NDArray[np.float64]
-
-FEWEST_SAMPLES = 10
 
 
 @dataclass(frozen=True)
@@ -138,10 +136,7 @@ def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> Pend
     values = numbers(table)
     columns, joints = described.columns, range(1, len(described.links) + 1)
     t_s = _column(table, values, columns, "t_s")
-    check_time(table, t_s)
-    inside = run.counts(t_s)
-    if inside.sum() < FEWEST_SAMPLES:
-        raise BadInput(f"{table.path}: {inside.sum()} samples between from_s and to_s; needs {FEWEST_SAMPLES} or more")
+    inside = select_samples(table, t_s, run.from_s, run.to_s)
     speeds = [f"speed{joint}_rad_s" for joint in joints]
     torques = [
         _column(table, values, columns, f"torque{joint}_Nm") if link.driven and run.driven is not False else np.zeros(len(t_s))

@@ -2,14 +2,10 @@
 
 from typing import Annotated, Literal, Self
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from rfca_rig.description.sections import NotNegative, Positive, Section
 from rfca_rig.recording.layout import PENDULUM
-
-Floats = NDArray[np.float64]
 
 FORMAT = "rfca-pendulum/1"
 MODEL_FORMAT = "rfca-pendulum-model/1"
@@ -103,11 +99,6 @@ class RunSection(Section):
         if self.from_s is not None and self.to_s is not None and self.to_s <= self.from_s:
             raise ValueError(f"to_s should be after from_s, {self.from_s:g} s")
         return self
-
-    def counts(self, t_s: Floats) -> NDArray[np.bool_]:
-        """(m,) which of these times belong to the part that counts."""
-        begin, end = -np.inf if self.from_s is None else self.from_s, np.inf if self.to_s is None else self.to_s
-        return np.asarray((t_s >= begin) & (t_s <= end))
 
 
 class PendulumRunSection(RunSection):

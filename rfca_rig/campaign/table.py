@@ -15,6 +15,8 @@ from rfca_rig.errors import BadInput
 
 Floats = NDArray[np.float64]
 
+FEWEST_SAMPLES = 10  # of one recording
+
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _NOT_A_VALUE = re.compile(r"[+-]?(nan|inf|infinity|n/a|na|#.*)", re.IGNORECASE)
@@ -58,40 +60,34 @@ def _names(path: Path, header: str) -> tuple[str, ...]:
 
 def numbers(table: Table) -> Floats:
     """All cells (rows, columns) as finite numbers. Raises BadInput naming line and column of the first that is not one."""
-    values = _fast(table.lines)
-    if values is None or values.shape != (len(table.lines), len(table.names)) or not np.isfinite(values).all():
-        return _with_care(table)
-    return values
+    return _numbers_at(table, range(len(table.names)))
 
 
-def column(table: Table, name: str) -> Floats:
-    """The cells of one column (rows,), whatever the others hold. Raises BadInput as `numbers` does."""
-    place = table.names.index(name)
-    values = _fast(table.lines, place)
-    if values is not None and values.shape == (len(table.lines), 1) and np.isfinite(values).all():
-        return np.ascontiguousarray(values[:, 0])
-    return np.array([number(table, row, name, cells[place]) for row, cells in enumerate(rows(table))])
+def columns(table: Table, names: Sequence[str]) -> Floats:
+    """The same of these columns (rows, k) alone, whatever the others hold. Raises ValueError for a name that is none."""
+    return _numbers_at(table, [table.names.index(name) for name in names])
 
 
-def numbers_if_any(table: Table, name: str) -> Floats | None:
-    """The same, None where the column holds anything but numbers."""
+def _numbers_at(table: Table, places: Sequence[int]) -> Floats:
+    values = _fast(table)
+    if values is None or not np.isfinite(values[:, places]).all():
+        return np.array([[number(table, row, table.names[i], cells[i]) for i in places] for row, cells in enumerate(rows(table))])
+    return np.ascontiguousarray(values[:, places])
+
+
+def numeric_columns(table: Table) -> dict[str, Floats | None]:
+    """Every column by its name, (rows,), None where it holds anything but finite numbers. Raises BadInput as `rows` does."""
+    cells = dict(zip(table.names, zip(*rows(table), strict=True), strict=True))
+    return {name: None if any(map(_fault_in_number, column)) else np.array(column, dtype=float) for name, column in cells.items()}
+
+
+def _fast(table: Table) -> Floats | None:
+    """All cells (rows, columns), None where some are no numbers or a line has not one cell per column."""
     try:
-        return column(table, name)
-    except BadInput:
-        return None
-
-
-def _fast(lines: Sequence[str], place: int | None = None) -> Floats | None:
-    try:
-        return np.loadtxt(lines, delimiter=",", dtype=np.float64, comments=None, quotechar='"', ndmin=2, usecols=place)
+        values = np.loadtxt(table.lines, delimiter=",", dtype=np.float64, comments=None, quotechar='"', ndmin=2)
     except ValueError:
         return None
-
-
-def _with_care(table: Table) -> Floats:
-    return np.array(
-        [[number(table, row, *named) for named in zip(table.names, cells, strict=True)] for row, cells in enumerate(rows(table))]
-    )
+    return values if values.shape == (len(table.lines), len(table.names)) else None
 
 
 def number(table: Table, row: int, name: str, cell: str) -> float:
@@ -129,9 +125,13 @@ def _fault_in_number(cell: str) -> str | None:
     return None if math.isfinite(float(cell)) else f"{cell[:30]} is too large for a number"
 
 
-def check_time(table: Table, t_s: Floats) -> None:
-    """Raises BadInput, naming the line, where time (rows,) does not run forwards."""
+def select_samples(table: Table, t_s: Floats, from_s: float | None, to_s: float | None) -> NDArray[np.bool_]:
+    """Which samples (rows,) lie from `from_s` to `to_s`. Raises BadInput where time does not run forwards, or too few do."""
     backwards = np.flatnonzero(np.diff(t_s) <= 0.0)
     if backwards.size:
         row = int(backwards[0]) + 1
         raise table.fault(row, f"time does not run forwards: {t_s[row]:g} s after {t_s[row - 1]:g} s")
+    inside = (t_s >= (-np.inf if from_s is None else from_s)) & (t_s <= (np.inf if to_s is None else to_s))
+    if inside.sum() < FEWEST_SAMPLES:
+        raise BadInput(f"{table.path}: {inside.sum()} samples between from_s and to_s; needs {FEWEST_SAMPLES} or more")
+    return np.asarray(inside)

@@ -53,8 +53,7 @@ def diagnose(
 
     Example: rfca-rig diagnose runs/SIM-table-ii-001 --out diagnosis
     """
-    from rfca_rig.campaign.experiment import experiment_among
-    from rfca_rig.campaign.opening import open_with_belief, pendulum_among
+    from rfca_rig.campaign.opening import experiment_among, open_with_belief, pendulum_among
     from rfca_rig.cli.printing import Printing
     from rfca_rig.diagnosis.candidate_effects import check_known
     from rfca_rig.errors import BadInput

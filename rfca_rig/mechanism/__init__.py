@@ -3,7 +3,8 @@
 1. `load.load_mechanism`: an MJCF or URDF file becomes a `Mechanism`.
 2. `plant.Plant`: one version of it, which effects and nuisance parameters change.
 3. `rollout.roll`: the plant's motion from a start under recorded commands.
-4. `effects.list_effects`: the effects for the joints of a mechanism.
+4. `usual_motion.measure_usual_motion` and `effects.list_effects`: the effects for the joints of a mechanism, with plausible sizes.
+5. `amend.write_amended_model`: the model file with what was found.
 
-MuJoCo is an optional dependency. Nothing outside of this package imports it.
+MuJoCo is an optional dependency, which the diagnosis sees through this package only.
 """

@@ -4,43 +4,23 @@ MJCF holds most of these laws. `Plant` has those that it does not: friction that
 readings. A law that may act in one joint alone comes as two effects: in all joints, each with a size of its own, and in one.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.mechanism.load import Mechanism
-from rfca_rig.mechanism.plant import Plant
+from rfca_rig.mechanism.plant import Change, Plant, add_friction, add_to
+from rfca_rig.mechanism.usual_motion import UsualMotion
 from rfca_rig.model.effect import Effect, Parameter, Values
 
 Floats = NDArray[np.float64]
 
 JOINTS = "joints"
 # Shares of what is usual on the rig. Below the first an effect is lost in the usual model error of 1 %; with more than the second the joint
-# would hardly move.
+# would hardly move. With a tenth and ten times these bounds the log evidence of friction of a pendulum changes by less than 1.
 SMALLEST, LARGEST = 0.002, 0.8
-
-
-@dataclass(frozen=True)
-class UsualMotion:
-    """What the recordings show of each joint, rms over them, (n,): torque of weight and drive, speed, travel about the mean, and
-    inertia.
-
-    `command` (u,) is the largest magnitude of each actuator's command; all zero where nothing was commanded. `has_speeds`: whether speeds
-    were recorded.
-    """
-
-    torque: Floats
-    speed: Floats
-    travel: Floats
-    inertia: Floats
-    command: Floats
-    has_speeds: bool
-
-    @property
-    def is_driven(self) -> bool:
-        return bool((self.command > 0.0).any())
 
 
 @dataclass(frozen=True)
@@ -57,7 +37,7 @@ class _Law:
     places: tuple[int, ...]
     low: Floats
     high: Floats
-    change: Callable[[Plant, int, float], None]
+    change: Change
     noun: str = "joint"
     variant_of: str = ""
 
@@ -80,28 +60,25 @@ def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
 
 
 def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[_Law]:
-    joints, slides = mechanism.joints, mechanism.is_slide
-    everywhere = tuple(range(len(joints)))
+    joints, everywhere = mechanism.joints, tuple(range(len(mechanism.joints)))
 
-    def per_joint(id_: str, words: str, law: str, quantity: str, units: tuple[str, str], size: Floats, field: str) -> _Law:
-        def change(plant: Plant, joint: int, value: float) -> None:
-            array = getattr(plant.model, field)
-            array[(joint, 0) if array.ndim > 1 else joint] += value
-
-        names = tuple(units[int(slide)] for slide in slides)
-        return _Law(id_, words, law, "MuJoCo, XML reference", quantity, names, joints, everywhere, SMALLEST * size, LARGEST * size, change)
+    def per_joint(
+        id_: str, words: str, law: str, quantity: str, units: tuple[str, str], size: Floats, change: Change, of: str = ""
+    ) -> _Law:
+        names, low, high = _units(mechanism, *units), SMALLEST * size, LARGEST * size
+        return _Law(id_, words, law, "MuJoCo, XML reference", quantity, names, joints, everywhere, low, high, change, variant_of=of)
 
     torque, speed = usual.torque, usual.speed
-    dry = per_joint("joint_friction", "dry friction of the joints and their gears", "T = T_c sgn(w)", "torque", ("Nm", "N"), torque, "")
-    yield replace(dry, change=_add_friction, variant_of="joint_stribeck")
+    yield per_joint("joint_friction", "dry friction of the joints and their gears", "T = T_c sgn(w)", "torque", ("Nm", "N"),
+                    torque, add_friction, "joint_stribeck")  # fmt: skip
     yield per_joint("joint_damping", "damping of the joints", "T = c w", "coefficient", ("Nm_s_per_rad", "N_s_per_m"),
-                    torque / speed, "dof_damping")  # fmt: skip
+                    torque / speed, add_to("dof_damping"))  # fmt: skip
     yield per_joint("joint_drag", "drag that grows with the speed squared", "T = c w |w|", "coefficient",
-                    ("Nm_s2_per_rad2", "N_s2_per_m2"), torque / speed**2, "dof_dampingpoly")  # fmt: skip
+                    ("Nm_s2_per_rad2", "N_s2_per_m2"), torque / speed**2, add_to("dof_dampingpoly"))  # fmt: skip
     yield per_joint("joint_inertia", "inertia of the motors' rotors behind their gears", "T = I a", "inertia", ("kg_m2", "kg"),
-                    usual.inertia, "dof_armature")  # fmt: skip
+                    usual.inertia, add_to("dof_armature"))  # fmt: skip
     yield per_joint("joint_spring", "a spring in the joints", "T = k (q - q_0), q_0 of the model file", "stiffness",
-                    ("Nm_per_rad", "N_per_m"), torque / usual.travel, "jnt_stiffness")  # fmt: skip
+                    ("Nm_per_rad", "N_per_m"), torque / usual.travel, add_to("jnt_stiffness"))  # fmt: skip
     driven = tuple(int(joint) for joint in np.flatnonzero(mechanism.driven))
     if usual.is_driven and driven:
         ones = np.ones(len(driven))
@@ -115,16 +92,17 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[_Law]:
                    "factor", ("",) * len(shown), actuators, shown, 0.3 * ones, 3.0 * ones, _scale_command, "actuator")  # fmt: skip
 
 
-def _add_friction(plant: Plant, joint: int, value: float) -> None:
-    plant.friction[joint] += value
-
-
 def _add_load_loss(plant: Plant, joint: int, value: float) -> None:
     plant.load_loss[joint] += value
 
 
 def _scale_command(plant: Plant, actuator: int, value: float) -> None:
     plant.command_gain[actuator] *= value
+
+
+def _units(mechanism: Mechanism, of_hinge: str, of_slide: str) -> tuple[str, ...]:
+    """What ends the name of a size of each joint."""
+    return tuple(of_slide if slides else of_hinge for slides in mechanism.is_slide)
 
 
 def _name(*parts: str) -> str:
@@ -158,7 +136,7 @@ def _in_all_and_in_one(law: _Law) -> Iterator[Effect]:
 
 def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     """Friction that falls with speed, in all joints: a torque each, and one shape, with the speed as a share of the usual one."""
-    joints, units = mechanism.joints, mechanism.torque_units
+    joints, units = mechanism.joints, _units(mechanism, "Nm", "N")
     names = [_name(joint if len(joints) > 1 else "", "torque", unit) for joint, unit in zip(joints, units, strict=True)]
 
     def apply(plant: Plant, values: Values) -> Plant:

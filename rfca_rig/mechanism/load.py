@@ -24,7 +24,7 @@ class Mechanism:
     path
         Where it stands.
     model
-        MuJoCo's model; nobody changes it.
+        MuJoCo's model, not to be changed; a `Plant` has a copy.
     joints, actuators, bodies
         Names; one degree of freedom per joint, in MuJoCo's order. The world is no body.
     is_slide
@@ -48,11 +48,6 @@ class Mechanism:
     def actuator(self, name: str, where: str) -> int:
         """The place of an actuator. Raises BadInput, which begins with `where`."""
         return _place(name, self.actuators, "actuator", where)
-
-    @property
-    def torque_units(self) -> tuple[str, ...]:
-        """What ends the name of a torque or force of each joint."""
-        return tuple("N" if slides else "Nm" for slides in self.is_slide)
 
 
 def _place(name: str, names: tuple[str, ...], kind: str, where: str) -> int:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.mechanism.load import Mechanism
-from rfca_rig.mechanism.plant import Plant
+from rfca_rig.mechanism.plant import Change, Plant, add_friction, add_to
 
 
 @dataclass(frozen=True)
@@ -28,21 +28,20 @@ class NuisanceKind:
 
     unit: str
     objects: str
-    shift: Callable[[Plant, int, float], None]
+    shift: Change
     nominal: Callable[[Mechanism, int], float] | None = None
 
 
 def places_of(mechanism: Mechanism, objects: str) -> dict[str, int]:
     """Names and places of the objects that a kind of nuisance parameter belongs to."""
-    joints = enumerate(mechanism.joints)
     if objects == "rig":
         return {"": 0}
     if objects == "bodies":
         return {name: place for place, name in enumerate(mechanism.bodies) if mechanism.model.body_mass[place + 1] > 0.0}
     if objects == "actuators":
         return {name: place for place, name in enumerate(mechanism.actuators)}
-    slides = objects.startswith("slide")
-    driven = objects.endswith("motors")
+    slides, driven = objects.startswith("slide"), objects.endswith("motors")
+    joints = enumerate(mechanism.joints)
     return {name: place for place, name in joints if mechanism.is_slide[place] == slides and (mechanism.driven[place] or not driven)}
 
 
@@ -61,18 +60,6 @@ def _centre(plant: Plant, place: int, by_m: float) -> None:
     distance = float(np.linalg.norm(at))
     if distance > 0.0:
         at *= 1.0 + by_m / distance
-
-
-def _add(field: str) -> Callable[[Plant, int, float], None]:
-    def add(plant: Plant, place: int, by: float) -> None:
-        array = getattr(plant.model, field)
-        array[place] = max(0.0, array[place] + by)
-
-    return add
-
-
-def _friction(plant: Plant, place: int, by: float) -> None:
-    plant.friction[place] = max(0.0, plant.friction[place] + by)
 
 
 def _torque_offset(plant: Plant, place: int, by: float) -> None:
@@ -101,12 +88,12 @@ NUISANCES: Mapping[str, NuisanceKind] = {
     "mass_relative": NuisanceKind("", "bodies", _mass),
     "inertia_relative": NuisanceKind("", "bodies", _inertia),
     "centre_of_mass_m": NuisanceKind("m", "bodies", _centre),
-    "joint_damping_Nm_s_per_rad": NuisanceKind("N m s/rad", "hinges", _add("dof_damping"), _damping),
-    "joint_damping_N_s_per_m": NuisanceKind("N s/m", "slides", _add("dof_damping"), _damping),
-    "joint_friction_Nm": NuisanceKind("N m", "hinges", _friction, _dry),
-    "joint_friction_N": NuisanceKind("N", "slides", _friction, _dry),
-    "rotor_inertia_kg_m2": NuisanceKind("kg m2", "hinge motors", _add("dof_armature"), _rotor),
-    "rotor_inertia_kg": NuisanceKind("kg", "slide motors", _add("dof_armature"), _rotor),
+    "joint_damping_Nm_s_per_rad": NuisanceKind("N m s/rad", "hinges", add_to("dof_damping", 0.0), _damping),
+    "joint_damping_N_s_per_m": NuisanceKind("N s/m", "slides", add_to("dof_damping", 0.0), _damping),
+    "joint_friction_Nm": NuisanceKind("N m", "hinges", add_friction, _dry),
+    "joint_friction_N": NuisanceKind("N", "slides", add_friction, _dry),
+    "rotor_inertia_kg_m2": NuisanceKind("kg m2", "hinge motors", add_to("dof_armature", 0.0), _rotor),
+    "rotor_inertia_kg": NuisanceKind("kg", "slide motors", add_to("dof_armature", 0.0), _rotor),
     "torque_offset_Nm": NuisanceKind("N m", "hinge motors", _torque_offset),
     "force_offset_N": NuisanceKind("N", "slide motors", _torque_offset),
     "zero_offset_rad": NuisanceKind("rad", "hinges", _zero_offset),

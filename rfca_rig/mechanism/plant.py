@@ -1,6 +1,7 @@
 """One version of a mechanism: MuJoCo's model, and beside it what such a model cannot hold."""
 
 import copy
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,3 +77,30 @@ def make_plant(mechanism: Mechanism, step_s: float) -> Plant:
         command_gain=np.ones(model.nu),
         command_limit=np.full(model.nu, np.inf),
     )
+
+
+def update_constants(plant: Plant) -> None:
+    """Has MuJoCo derive what it keeps of masses and joints, after they were changed."""
+    import mujoco  # noqa: PLC0415  (optional)
+
+    mujoco.mj_setConst(plant.model, mujoco.MjData(plant.model))
+
+
+Change = Callable[[Plant, int, float], None]
+"""Adds a value to a plant, at the place of a joint, a body or an actuator."""
+
+
+def add_to(field: str, least: float = -np.inf) -> Change:
+    """Adds to an array of MuJoCo's model, to the first column of one with several; the sum is not below `least`."""
+
+    def change(plant: Plant, place: int, by: float) -> None:
+        array = getattr(plant.model, field)
+        at = (place, 0) if array.ndim > 1 else place
+        array[at] = max(least, array[at] + by)
+
+    return change
+
+
+def add_friction(plant: Plant, joint: int, by: float) -> None:
+    """Adds dry friction; the sum is not below zero."""
+    plant.friction[joint] = max(0.0, plant.friction[joint] + by)

@@ -7,7 +7,7 @@ calls MuJoCo's step by its address, with the interpreter lock released.
 import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, cast
 
@@ -30,6 +30,12 @@ class CommandTrace:
 
     t_s: Floats
     command: Floats
+
+    @cached_property
+    def total(self) -> Floats:
+        """Its integral from the first time on, (k, u)."""
+        spans = 0.5 * np.diff(self.t_s)[:, None] * (self.command[1:] + self.command[:-1])
+        return np.vstack([np.zeros(self.command.shape[1]), np.cumsum(spans, axis=0)])
 
 
 @dataclass(frozen=True)
@@ -145,8 +151,9 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     )  # fmt: skip
     if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
         raise SimulationFailed(f"the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
-    read_w = path_w.copy() if plant.speed_lag_s > 0.0 else path_w
+    read_w = path_w
     if plant.speed_lag_s > 0.0:
+        read_w = path_w.copy()
         lag(read_w, 1.0 - float(np.exp(-h / plant.speed_lag_s)))
     place = np.minimum((t_s / h).astype(np.intp), steps - 1)
     x = (t_s / h - place)[:, None]
@@ -167,12 +174,10 @@ def _commands(plant: Plant, trace: CommandTrace, steps: int) -> Floats:
         return np.empty((steps, 0))
     h, before = plant.step_s, int(max(0.0, -trace.t_s[0] / plant.step_s)) if plant.command_lag_s > 0.0 else 0
     edges = np.arange(-before, steps + 1) * h - plant.command_delay_s
-    spans = 0.5 * np.diff(trace.t_s)[:, None] * (trace.command[1:] + trace.command[:-1])
-    total = np.vstack([np.zeros(trace.command.shape[1]), np.cumsum(spans, axis=0)])
     # outside of the trace its ends go on
     first, last = trace.t_s[0], trace.t_s[-1]
     beyond = np.minimum(edges - first, 0.0)[:, None] * trace.command[0] + np.maximum(edges - last, 0.0)[:, None] * trace.command[-1]
-    sums = np.column_stack([np.interp(edges, trace.t_s, column) for column in total.T]) + beyond
+    sums = np.column_stack([np.interp(edges, trace.t_s, column) for column in trace.total.T]) + beyond
     command = np.diff(sums, axis=0) / h
     if plant.command_lag_s > 0.0:
         lag(command, 1.0 - float(np.exp(-h / plant.command_lag_s)))

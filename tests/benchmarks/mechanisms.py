@@ -78,7 +78,7 @@ def draw(seed, number):
 
 
 def answer(folder, case):
-    """Grade, stated effects with their probabilities, family and seconds, kept in a file."""
+    """Grade, stated effects with their probabilities, and family, kept in a file."""
     path = folder / f"case-{case.number:04d}.json"
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from rfca_rig.campaign.experiment import experiment_among, read_experiment
+from rfca_rig.campaign.experiment import read_experiment
+from rfca_rig.campaign.opening import experiment_among
 from rfca_rig.errors import BadInput
 
 HEAD = """format = "rfca-experiment/1"
@@ -93,6 +94,15 @@ def test_a_fault_in_a_file_is_named_with_its_line(folder, old, new, said):
     with pytest.raises(BadInput) as refused:
         read_experiment(folder)
     assert said in str(refused.value)
+
+
+def test_lines_with_more_cells_than_columns_are_not_read_askew(folder):
+    """As where numbers have a decimal comma: every cell of a needed column would be another's."""
+    (folder / "a.csv").write_text(
+        "t,x,angle,rate,current\n" + "".join(f"{k},0,{k},0,{k},0,{k},0,{k},0\n" for k in range(20)), encoding="utf-8"
+    )
+    with pytest.raises(BadInput, match=r"a\.csv:2: 10 cells in the line for 5 columns in the header; do its numbers have a decimal comma"):
+        read_experiment(folder)
 
 
 def test_it_stands_alone(folder):

@@ -31,7 +31,7 @@ def test_the_stated_effect_is_left_out_and_its_law_drawn_beside(stribeck):
     slow = (stated.law.knots > -0.3) & (stated.law.knots <= 0.0)  # the tip hardly slides the other way
     wanted = np.interp(stated.law.knots, stated.curve.argument, stated.curve.values)
     off = (stated.law.values - wanted)[slow]
-    # the believed coefficient takes up a part that is the same at all speeds, and how much hangs on the last digits of the fit
+    # the friction coefficient takes up a part that is the same at all speeds, and how much hangs on the last digits of the fit
     assert np.abs(off - off.mean()).max() < 0.05
     assert (np.abs(off) < 2.0 * stated.law.std[slow]).all() and stated.law.std[slow].max() < 0.2
 

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from rfca_rig.mechanism.amend import write_amended_model
-from rfca_rig.mechanism.effects import UsualMotion, list_effects
+from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.nuisances import NUISANCES, places_of
-from rfca_rig.mechanism.plant import make_plant
+from rfca_rig.mechanism.plant import make_plant, update_constants
 from rfca_rig.mechanism.rollout import CommandTrace, roll
+from rfca_rig.mechanism.usual_motion import UsualMotion
 from tests.mechanism.arm import Arm, mjcf
 
 START_RAD, START_RAD_S = np.array([0.9, -0.4, 0.7]), np.array([0.5, -1.0, 2.0])
@@ -38,9 +39,7 @@ def mechanism(tmp_path_factory):
 
 
 def moved(plant):
-    import mujoco
-
-    mujoco.mj_setConst(plant.model, mujoco.MjData(plant.model))
+    update_constants(plant)
     motion = roll(plant, TRACE, START_RAD, START_RAD_S, T_S)
     return np.concatenate([motion.position, motion.speed], axis=1)
 

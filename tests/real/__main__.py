@@ -26,7 +26,7 @@ def put_together(name, described, folder):
 
 
 def answer(name, described, out):
-    """What is said of a set, kept in a file."""
+    """The answer about a set, kept in a file."""
     path = out / f"{name}.json"
     if not path.exists():
         if not (out / name).is_dir():

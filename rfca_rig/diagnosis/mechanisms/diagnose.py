@@ -52,23 +52,23 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
         Where the nominal model cannot be simulated.
     """
     progress("reading", 0.0)
-    problem = make_problem(experiment, load_mechanism(experiment.model))
-    known = {effect.id: effect for effect in list_effects(problem.mechanism, problem.usual)}
+    mechanism = load_mechanism(experiment.model)
+    problem = make_problem(experiment, mechanism)
+    known = {effect.id: effect for effect in list_effects(mechanism, problem.usual)}
     for name in without:
         if name not in known:
             raise BadInput(f"--without: {name!r} is no effect of this mechanism; {suggestion(name, sorted(known))}")
     effects = [effect for effect in known.values() if effect.id not in without]
-    conditions = problem.conditions()
-    space = space_of_mechanism(problem.mechanism, experiment.known_to, problem.usual.is_driven)
-    simulator = problem.simulator(effects)
-    found = search_models(make_dataset(conditions, simulator), Parameterization(space), effects, progress)
+    simulator = replace(problem.nominal, effects=known)
+    space = space_of_mechanism(mechanism, experiment.known_to, problem.usual.is_driven)
+    found = search_models(make_dataset(problem.conditions, simulator), Parameterization(space), effects, progress)
     progress("summing up", 0.97)
     decision = decide(found)
-    if len(conditions) < FEWEST_CONDITIONS:
-        length_s = WINDOWS_OF_CONDITION * experiment.windows.length_s
-        decision = not_enough_data(found, f"{len(conditions)} stretches of {length_s:g} s, {FEWEST_CONDITIONS} are needed")
+    if len(problem.conditions) < FEWEST_CONDITIONS:
+        length_s = WINDOWS_OF_CONDITION * experiment.window_s
+        decision = not_enough_data(found, f"{len(problem.conditions)} stretches of {length_s:g} s, {FEWEST_CONDITIONS} are needed")
     result = build_result(experiment.title, found, decision, effects, MECHANISMS)
-    settings = {"window_s": experiment.windows.length_s, "bin_s": experiment.windows.bin_s, "step_s": problem.step_s, "integrator": "RK4"}
+    settings = {"window_s": experiment.window_s, "bin_s": experiment.bin_s, "step_s": simulator.step_s, "integrator": "RK4"}
     stated = decision.explanation if result.found_effects else found.nothing
     plant = simulator.plant(stated.fitted.coordinates.supposed(stated.marginal.posterior.mean))
     return MechanismDiagnosis(replace(result, settings={**result.settings, **settings}), plant)

@@ -11,22 +11,21 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.swings import bin_means, estimate_start, sample_std
+from rfca_rig.analysis.swings import MARGIN_S, SMOOTHED_S, bin_means, bin_starts, estimate_start, sample_std
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.diagnosis.config import USUAL_ERROR
-from rfca_rig.diagnosis.data.windows import group, start_gain
+from rfca_rig.diagnosis.data.windows import group
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
-from rfca_rig.diagnosis.mechanisms.windows import MechanismSimulator, Motions, Window
+from rfca_rig.diagnosis.mechanisms.windows import CorrectedWindow, MechanismSimulator, Motions, Window
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.mechanism.effects import UsualMotion
 from rfca_rig.mechanism.load import Mechanism
+from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.rollout import CommandTrace
-from rfca_rig.model.effect import Effect
+from rfca_rig.mechanism.usual_motion import UsualMotion, measure_usual_motion
 
 Floats = NDArray[np.float64]
 
-MARGIN_S = 0.1  # of commands before and after a window: twice the longest delay, and two of the longest lags, that are plausible
-MARGIN_OF_START_S = 0.06  # of readings before a window, from which its start is estimated
+STEP_OF_ERRORS_S = 1e-3  # of what errors do, which is known to some percent at best
 STEPS_S = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
 STEP_ERROR = 0.1  # share of the sensors' and the usual model error together that the integrator may add, rms
 
@@ -37,40 +36,17 @@ class MechanismProblem:
 
     Parameters
     ----------
-    mechanism
-        The nominal model.
-    windows
-        All windows of all runs.
-    runs
-        Each run in words, with its repeat, and its condition, whose repeats err alike.
-    signals, columns
-        Names of the signals, and their columns in positions and speeds side by side.
-    step_s
-        The integrator's step.
+    nominal
+        The simulator without effects.
+    conditions
+        A few windows of each run together.
     usual
         What the recordings show of each joint.
     """
 
-    mechanism: Mechanism
-    windows: tuple[Window, ...]
-    runs: tuple[tuple[str, str], ...]
-    signals: tuple[str, ...]
-    columns: NDArray[np.intp]
-    step_s: float
+    nominal: MechanismSimulator
+    conditions: tuple[Motions, ...]
     usual: UsualMotion
-
-    def simulator(self, effects: Sequence[Effect]) -> MechanismSimulator:
-        """The simulator with these effects."""
-        return MechanismSimulator(self.mechanism, self.step_s, self.columns, {effect.id: effect for effect in effects})
-
-    def conditions(self) -> tuple[Motions, ...]:
-        """The windows of each run, a few together."""
-        found = []
-        for run, (name, condition) in enumerate(self.runs):
-            for part in group([window for window in self.windows if window.run == run]):
-                end_s = part[-1].start_s + part[-1].t_s[-1]
-                found.append(Motions(f"{name}, {part[0].start_s:.1f} to {end_s:.1f} s", condition, self.signals, tuple(part)))
-        return tuple(found)
 
 
 def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProblem:
@@ -85,23 +61,34 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     """
     signals, columns = _signals(experiment, mechanism)
     places = [mechanism.actuator(name, str(experiment.path)) for name in experiment.actuators]
-    windows = [w for number, run in enumerate(experiment.runs) for w in _cut(number, run, experiment, mechanism, columns, places)]
+    cut = [_cut(run, experiment, mechanism, columns, places) for run in experiment.runs]
+    windows = [window for of_run in cut for window in of_run]
     if not windows:
-        needed = experiment.windows.length_s + 2.0 * MARGIN_OF_START_S
-        raise BadInput(
-            f"{experiment.path}: no recording is longer than {needed:g} s, which a window of {experiment.windows.length_s:g} s needs"
-        )
-    usual = _usual_motion(mechanism, windows, bool((columns >= len(mechanism.joints)).any()))
-    problem = MechanismProblem(
-        mechanism, tuple(windows), tuple((run.label, run.condition) for run in experiment.runs), signals, columns, STEPS_S[-1], usual
+        needed_s = experiment.window_s + 2.0 * SMOOTHED_S
+        raise BadInput(f"{experiment.path}: no recording is longer than {needed_s:g} s, which a window of {experiment.window_s:g} s needs")
+    usual = measure_usual_motion(
+        mechanism,
+        position=np.array([window.position for window in windows]),
+        speed=np.array([window.speed for window in windows]),
+        commands=[window.trace.command for window in windows],
+        seconds=float(windows[0].t_s[-1]),
+        has_speeds=bool((columns >= len(mechanism.joints)).any()),
     )
     torque = usual.torque * experiment.known_to.get("torque_error_relative", USUAL_ERROR) / USUAL_ERROR
-    coarse = replace(problem, step_s=STEPS_S[2])
-    problem = replace(problem, windows=tuple(_with_errors(window, coarse.simulator(()), torque) for window in windows))
-    return replace(problem, step_s=choose_step(problem))
+    simulator = MechanismSimulator(mechanism, STEP_OF_ERRORS_S, columns, {})
+    plant = simulator.plant(MechanismInput())
+    corrected = [[_correct(window, simulator, plant, torque) for window in of_run] for of_run in cut]
+    step_s = choose_step(simulator, [each for of_run in corrected for each in of_run])
+    conditions = []
+    for run, of_run in zip(experiment.runs, corrected, strict=True):
+        for part in group(of_run):
+            first, last = part[0].window, part[-1].window
+            name = f"{run.label}, {first.start_s:.1f} to {last.start_s + last.t_s[-1]:.1f} s"
+            conditions.append(Motions(name, run.condition, signals, tuple(part)))
+    return MechanismProblem(replace(simulator, step_s=step_s), tuple(conditions), usual)
 
 
-def choose_step(problem: MechanismProblem) -> float:
+def choose_step(simulator: MechanismSimulator, windows: Sequence[CorrectedWindow]) -> float:
     """The longest step whose error, against half of it, is negligible in the nominal model.
 
     Raises
@@ -109,17 +96,17 @@ def choose_step(problem: MechanismProblem) -> float:
     SimulationFailed
         Where no step is short enough.
     """
-    sample = problem.windows[:: max(1, len(problem.windows) // 8)]
+    sample = windows[:: max(1, len(windows) // 8)]
 
     def simulate_all(step_s: float) -> Floats | None:
-        simulator = replace(problem.simulator(()), step_s=step_s)
-        plant = simulator.plant(MechanismInput())
+        stepping = replace(simulator, step_s=step_s)
+        plant = stepping.plant(MechanismInput())
         try:
-            return np.concatenate([simulator.follow(plant, window).ravel() for window in sample])
+            return np.concatenate([stepping.follow(plant, each.window).ravel() for each in sample])
         except SimulationFailed:
             return None
 
-    allowed = np.concatenate([np.hypot(w.sensor_std, USUAL_ERROR * w.scale).ravel() for w in sample])
+    allowed = np.concatenate([np.hypot(each.window.sensor_std, USUAL_ERROR * each.scale).ravel() for each in sample])
     coarse = simulate_all(STEPS_S[0])
     for step_s, finer_s in pairwise(STEPS_S):
         fine = simulate_all(finer_s)
@@ -127,7 +114,7 @@ def choose_step(problem: MechanismProblem) -> float:
             return step_s
         coarse = fine
     raise SimulationFailed(
-        f"{problem.mechanism.path}: steps of {1e3 * STEPS_S[-1]:g} ms still change the motion; "
+        f"{simulator.mechanism.path}: steps of {1e3 * STEPS_S[-1]:g} ms still change the motion; "
         "look for a slipped decimal point, or a contact or spring that is far too stiff"
     )
 
@@ -152,11 +139,9 @@ def _signals(experiment: Experiment, mechanism: Mechanism) -> tuple[tuple[str, .
     return tuple(names), np.array(columns)
 
 
-def _cut(
-    number: int, run: MechanismRun, experiment: Experiment, mechanism: Mechanism, columns: NDArray[np.intp], places: Sequence[int]
-) -> list[Window]:
+def _cut(run: MechanismRun, experiment: Experiment, mechanism: Mechanism, columns: NDArray[np.intp], places: Sequence[int]) -> list[Window]:
     """The windows of one run, without the errors of their starts."""
-    length_s, bin_s = experiment.windows.length_s, experiment.windows.bin_s
+    length_s, bin_s = experiment.window_s, experiment.bin_s
     stated = [signal.noise_std for signal in experiment.signals]
     noise = np.array([std or found for std, found in zip(stated, sample_std(run.signals), strict=True)])
     of_joint = [int(np.flatnonzero(columns == joint)[0]) for joint in range(len(mechanism.joints))]
@@ -164,91 +149,46 @@ def _cut(
     commands = np.zeros((len(run.t_s), len(mechanism.actuators)))
     commands[:, list(places)] = run.commands
     windows = []
-    for start_s in np.arange(run.t_s[0] + MARGIN_OF_START_S, run.t_s[-1] - length_s, length_s):
+    for start_s in np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - length_s, length_s):
         inside = (run.t_s > start_s) & (run.t_s <= start_s + length_s)
         around = (run.t_s > start_s - MARGIN_S) & (run.t_s < start_s + length_s + MARGIN_S)
         t_s = run.t_s[inside] - start_s
         if t_s.size == 0 or np.diff(run.t_s[around]).max(initial=0.0) > bin_s:
             continue  # a gap: a bin would be empty
-        bins = np.flatnonzero(np.diff(np.ceil(t_s / bin_s - 1e-6), prepend=0.0))
+        bins = bin_starts(t_s, bin_s)
         at, speed, at_std, speed_std = estimate_start(run.t_s, position, float(start_s), position_noise)
         counts = np.diff(np.append(bins, len(t_s)))
         measured = bin_means(run.signals[inside], bins).T
         windows.append(
             Window(
-                run=number,
                 start_s=float(start_s),
                 trace=CommandTrace(run.t_s[around] - start_s, commands[around]),
                 position=at,
                 speed=speed,
+                start_std=np.concatenate([at_std, speed_std]),
                 t_s=t_s,
                 bins=bins,
                 measured=measured,
                 sensor_std=noise[:, None] / np.sqrt(counts),
-                start_effect=np.concatenate([at_std, speed_std]),  # `_with_errors` puts the effects in their place
-                scale=np.empty((0, 0)),
-                gain=np.empty((0, 0)),
             )
         )
     return windows
 
 
-def _with_errors(window: Window, simulator: MechanismSimulator, torque: Floats) -> Window:
-    """The window with what errors of its start and of the torques do to its rows, in the nominal model."""
-    joints, stds = len(simulator.mechanism.joints), window.start_effect
-    plant, found = simulator.plant(MechanismInput()), []
-    for place, std in enumerate(stds):
-        shift = std * (np.arange(2 * joints) == place)
-        either = (
-            replace(window, position=window.position + sign * shift[:joints], speed=window.speed + sign * shift[joints:])
-            for sign in (1.0, -1.0)
-        )
-        ahead, behind = (simulator.follow(plant, shifted) for shifted in either)
-        found.append(0.5 * (ahead - behind))
-    start_effect = np.stack(found)
-    square = np.zeros_like(window.measured)
-    for more in USUAL_ERROR * np.diag(torque):
-        plants = (replace(plant, torque_offset=plant.torque_offset + sign * more) for sign in (1.0, -1.0))
-        ahead, behind = (simulator.follow(pushed, window) for pushed in plants)
-        square += (0.5 * (ahead - behind) / USUAL_ERROR) ** 2
-    scale = np.maximum.accumulate(np.sqrt(square), axis=1)  # what has grown stays grown
-    gain = start_gain(start_effect, window.sensor_std**2 + (USUAL_ERROR * scale) ** 2)
-    return replace(window, start_effect=start_effect, scale=scale, gain=gain)
+def _correct(window: Window, simulator: MechanismSimulator, plant: Plant, torque: Floats) -> CorrectedWindow:
+    """The window with what errors of its start and of the torques do to its rows; `plant` is the nominal one."""
+    joints = len(simulator.mechanism.joints)
 
+    def half_difference(ahead: Floats, behind: Floats) -> Floats:
+        return np.asarray(0.5 * (ahead - behind))
 
-def _usual_motion(mechanism: Mechanism, windows: Sequence[Window], has_speeds: bool) -> UsualMotion:
-    """Rms over the starts of all windows, and of the commands within them."""
-    import mujoco  # noqa: PLC0415  (optional)
+    def shift(by: Floats) -> Floats:
+        moved = replace(window, position=window.position + by[:joints], speed=window.speed + by[joints:])
+        return simulator.follow(plant, moved)
 
-    model, data = mechanism.model, mujoco.MjData(mechanism.model)
-    square, inertia = np.zeros(model.nv), np.zeros(model.nv)
-    column = np.empty(model.nv)
-    for window in windows:
-        data.qpos[:], data.qvel[:], data.ctrl[:] = window.position, 0.0, 0.0
-        mujoco.mj_forward(model, data)
-        square += data.qfrc_bias**2
-        for joint, unit in enumerate(np.eye(model.nv)):
-            mujoco.mj_mulM(model, data, column, unit)
-            inertia[joint] += column[joint]
-        commands = window.trace.command[:: max(1, len(window.trace.command) // 20)]
-        for command in commands:
-            data.ctrl[:] = command
-            mujoco.mj_forward(model, data)
-            square += data.qfrc_actuator**2 / len(commands)
-    inertia /= len(windows)
-    speed = np.sqrt(np.mean([window.speed**2 for window in windows], axis=0))
-    position = np.array([window.position for window in windows])
-    travel = np.sqrt(np.mean((position - position.mean(axis=0)) ** 2, axis=0))
-    torque = np.sqrt(square / len(windows))
-    if not torque.any():  # nothing pulls and nothing drives: what brakes the motion within a window
-        torque = inertia * speed / windows[0].t_s[-1]
-    command = np.max([np.abs(window.trace.command).max(axis=0, initial=0.0) for window in windows], axis=0)
-    slides = mechanism.is_slide
-    torque, speed, travel, inertia = (_not_small(values, slides) for values in (torque, speed, travel, inertia))
-    return UsualMotion(torque, speed, travel, inertia, command, has_speeds)
+    def push(more: Floats) -> Floats:
+        return simulator.follow(replace(plant, torque_offset=plant.torque_offset + more), window)
 
-
-def _not_small(values: Floats, slides: NDArray[np.bool_]) -> Floats:
-    """A joint that hardly moves or bears counts as a tenth of the largest of its kind; hinges and slides have other units."""
-    largest = [float(values[slides == kind].max()) for kind in slides]
-    return np.maximum(values, np.maximum(0.1 * np.array(largest), 1e-12))
+    start_effect = np.stack([half_difference(shift(by), shift(-by)) for by in np.diag(window.start_std)])
+    square = sum((half_difference(push(more), push(-more)) / USUAL_ERROR) ** 2 for more in USUAL_ERROR * np.diag(torque))
+    return CorrectedWindow(window, start_effect, np.maximum.accumulate(np.sqrt(square), axis=1))  # what has grown stays grown

@@ -2,17 +2,19 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.swings import bin_means
+from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data.observations import Label, Observations
-from rfca_rig.diagnosis.data.windows import WindowRows, observe
+from rfca_rig.diagnosis.data.windows import WindowRows, observe, start_gain
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, shift_plant
 from rfca_rig.diagnosis.simulator import Simulator
 from rfca_rig.mechanism.load import Mechanism
-from rfca_rig.mechanism.plant import Plant, make_plant
+from rfca_rig.mechanism.plant import Plant, make_plant, update_constants
 from rfca_rig.mechanism.rollout import CommandTrace, roll
 from rfca_rig.model.effect import Effect
 
@@ -24,49 +26,70 @@ SMOOTH_OVER = 0.3  # of a window: over that share of it the model's error is ali
 
 @dataclass(frozen=True)
 class Window:
-    """One window of a run.
+    """One window of a run, as it was recorded.
 
     Parameters
     ----------
-    run
-        Which one.
     start_s
         Where it begins.
     trace
         The commands around it.
     position, speed
         (n,) the state at its beginning, as read.
+    start_std
+        (2 n,) how well positions and speeds at the beginning are known.
     t_s
         (k,) times of its samples, from its beginning.
     bins
         (b,) the first sample of each bin.
     measured, sensor_std
         (s, b) means over the bins, and their standard deviations.
-    start_effect
-        (2 n, s, b) what an error of one standard deviation in each position and speed of the start makes of them.
-    scale
-        (s, b) what torques that are wrong by their full usual size make of them.
-    gain
-        (2 n, s b) the errors of the start, in standard deviations, that a misfit shows.
     """
 
-    run: int
     start_s: float
     trace: CommandTrace
     position: Floats
     speed: Floats
+    start_std: Floats
     t_s: Floats
     bins: NDArray[np.intp]
     measured: Floats
     sensor_std: Floats
+
+
+@dataclass(frozen=True)
+class CorrectedWindow:
+    """A window, and what errors do to its rows in the nominal model.
+
+    Parameters
+    ----------
+    window
+        The window.
+    start_effect
+        (2 n, s, b) what an error of one standard deviation in each position and speed of the start makes of them.
+    scale
+        (s, b) what torques that are wrong by their full usual size make of them.
+    """
+
+    window: Window
     start_effect: Floats
     scale: Floats
-    gain: Floats
 
-    @property
-    def middles_s(self) -> Floats:
-        """(b,) where the bins lie, from the beginning."""
-        return bin_means(self.t_s[:, None], self.bins)[:, 0]
+    @cached_property
+    def gain(self) -> Floats:
+        """(2 n, s b) the errors of the start, in standard deviations, that a misfit shows."""
+        return start_gain(self.start_effect, self.window.sensor_std**2 + (USUAL_ERROR * self.scale) ** 2)
+
+    def move_start(self, simulated: Floats) -> Floats:
+        """What the model says from the start that suits it best, (s, b), where it says `simulated` from the measured one."""
+        start_error = self.gain @ (self.window.measured - simulated).ravel()
+        return np.asarray(simulated + np.tensordot(start_error, self.start_effect, 1))
+
+    def rows(self) -> WindowRows:
+        """What was measured."""
+        recorded = self.window
+        t_s = recorded.start_s + bin_means(recorded.t_s[:, None], recorded.bins)[:, 0]
+        return WindowRows(t_s, recorded.measured, recorded.sensor_std, self.scale)
 
 
 @dataclass(frozen=True)
@@ -86,7 +109,7 @@ class Motions:
     name: str
     run: str
     signals: tuple[str, ...]
-    windows: tuple[Window, ...]
+    windows: tuple[CorrectedWindow, ...]
 
     @property
     def repeats(self) -> Floats:
@@ -95,9 +118,9 @@ class Motions:
 
     def rows(self) -> Observations:
         """What was measured here."""
-        parts = [WindowRows(w.start_s + w.middles_s, w.measured, w.sensor_std, w.scale) for w in self.windows]
         labels = tuple(Label(MECHANISMS, self.name, signal) for signal in self.signals)
-        return observe(parts, labels, self.run, SMOOTH_OVER * float(self.windows[0].t_s[-1]))
+        smooth_over_s = SMOOTH_OVER * float(self.windows[0].window.t_s[-1])
+        return observe([window.rows() for window in self.windows], labels, self.run, smooth_over_s)
 
 
 @dataclass(frozen=True)
@@ -123,13 +146,11 @@ class MechanismSimulator(Simulator):
 
     def plant(self, at: MechanismInput) -> Plant:
         """The plant with these nuisance parameters and effects."""
-        import mujoco  # noqa: PLC0415  (optional)
-
         plant = make_plant(self.mechanism, self.step_s)
         shift_plant(plant, at)
         for present in at.effects:
             plant = self.effects[present.id].apply(plant, dict(present.values))
-        mujoco.mj_setConst(plant.model, mujoco.MjData(plant.model))
+        update_constants(plant)
         return plant
 
     def follow(self, plant: Plant, window: Window) -> Floats:
@@ -141,9 +162,4 @@ class MechanismSimulator(Simulator):
     def simulate(self, at: MechanismInput, condition: Motions) -> Floats:
         """What the model says of a condition, (m,), from the starts that suit it best. Raises SimulationFailed."""
         plant = self.plant(at)
-        found = []
-        for window in condition.windows:
-            here = self.follow(plant, window)
-            start_error = window.gain @ (window.measured - here).ravel()
-            found.append((here + np.tensordot(start_error, window.start_effect, 1)).ravel())
-        return np.concatenate(found)
+        return np.concatenate([each.move_start(self.follow(plant, each.window)).ravel() for each in condition.windows])

@@ -14,6 +14,7 @@ from rfca_rig.analysis.swings import SwingProblem
 from rfca_rig.diagnosis.candidate_effects import select_candidates
 from rfca_rig.diagnosis.pendulums.windows import usual_torque_Nm
 from rfca_rig.errors import BadInput
+from rfca_rig.mechanism.effects import LARGEST, SMALLEST
 from rfca_rig.model.catalogue import catalogue, lab_texts
 from rfca_rig.model.effect import OF_PENDULUMS, Effect, Parameter
 from rfca_rig.model.parameters import PresentEffect
@@ -25,10 +26,6 @@ OF_TORQUE = ("torque_scale", "torque_delay", "torque_lag", "joint_load_friction"
 OF_SPEED = ("speed_lag",)
 OF_TWO_JOINTS = ("joint_friction_of_one",)
 ALSO = ("fluid_drag", "hinge_viscous_damping", "gravity_tilt")
-
-# Shares of what is usual on the rig. Below the first an effect is lost in the usual model error of 1 %; with more than the second the joint
-# would hardly move. With a tenth and ten times these bounds the log evidence of friction changes by less than 1.
-SMALLEST, LARGEST = 0.002, 0.8
 
 
 def candidates_of(problem: SwingProblem, without: Collection[str]) -> list[Effect]:

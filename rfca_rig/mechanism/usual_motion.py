@@ -1,0 +1,83 @@
+"""What is usual in the recordings of a mechanism: torques, speeds and inertias, which say how large an effect may plausibly be."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.mechanism.load import Mechanism
+
+Floats = NDArray[np.float64]
+
+COMMANDS_LOOKED_AT = 20  # of a window, evenly spread: enough for an rms
+
+
+@dataclass(frozen=True)
+class UsualMotion:
+    """What the recordings show of each joint, rms over them, (n,): torque of weight and drive, speed, travel about the mean, and
+    inertia.
+
+    `command` (u,) is the largest magnitude of each actuator's command; all zero where nothing was commanded. `has_speeds`: whether speeds
+    were recorded.
+    """
+
+    torque: Floats
+    speed: Floats
+    travel: Floats
+    inertia: Floats
+    command: Floats
+    has_speeds: bool
+
+    @property
+    def is_driven(self) -> bool:
+        return bool((self.command > 0.0).any())
+
+
+def measure_usual_motion(
+    mechanism: Mechanism, position: Floats, speed: Floats, commands: Sequence[Floats], seconds: float, has_speeds: bool
+) -> UsualMotion:
+    """What the windows of all recordings show of each joint.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    position, speed
+        (w, n) at the beginning of each window.
+    commands
+        For each window (k, u).
+    seconds
+        Length of a window.
+    has_speeds
+        Whether speeds were recorded.
+    """
+    import mujoco  # noqa: PLC0415  (optional)
+
+    model, data = mechanism.model, mujoco.MjData(mechanism.model)
+    square, inertia, column = np.zeros(model.nv), np.zeros(model.nv), np.empty(model.nv)
+    for at, command in zip(position, commands, strict=True):
+        data.qpos[:], data.qvel[:], data.ctrl[:] = at, 0.0, 0.0
+        mujoco.mj_forward(model, data)
+        square += data.qfrc_bias**2
+        for joint, unit in enumerate(np.eye(model.nv)):
+            mujoco.mj_mulM(model, data, column, unit)
+            inertia[joint] += column[joint]
+        looked_at = command[:: max(1, len(command) // COMMANDS_LOOKED_AT)]
+        for now in looked_at:
+            data.ctrl[:] = now
+            mujoco.mj_forward(model, data)
+            square += data.qfrc_actuator**2 / len(looked_at)
+    torque, inertia = np.sqrt(square / len(position)), inertia / len(position)
+    usual_speed, travel = np.sqrt(np.mean(speed**2, axis=0)), np.std(position, axis=0)
+    if not torque.any():  # nothing pulls and nothing drives: what brakes the motion within a window
+        torque = inertia * usual_speed / seconds
+    largest = np.max([np.abs(command).max(axis=0, initial=0.0) for command in commands], axis=0)
+    torque, usual_speed, travel, inertia = (_not_small(v, mechanism.is_slide) for v in (torque, usual_speed, travel, inertia))
+    return UsualMotion(torque, usual_speed, travel, inertia, largest, has_speeds)
+
+
+def _not_small(values: Floats, slides: NDArray[np.bool_]) -> Floats:
+    """A joint that hardly moves or bears counts as a tenth of the largest of its kind; hinges and slides have other units."""
+    largest = [float(values[slides == kind].max()) for kind in slides]
+    return np.maximum(values, np.maximum(0.1 * np.array(largest), 1e-12))
