@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.config import AS_GOOD, IMPLAUSIBLE, LAWS_SIZE
+from rfca_rig.diagnosis.config import AS_GOOD, IMPLAUSIBLE, LAW_ERROR, LAWS_SIZE
 from rfca_rig.diagnosis.decision import decide, sizes
 from rfca_rig.diagnosis.decision.comparison import Comparison, compare
 from rfca_rig.diagnosis.decision.decide import Supported, _best_family, _families_of_best, decide_from, support_of_best
@@ -178,6 +178,31 @@ def test_what_relieves_an_implausible_value_is_stated_though_it_removes_little(g
     assert stated.grade == "mostly" and stated.explained_share < 0.5
     assert stated.effects[0].wording == "these data do not tell how well the law holds"
     assert "takes the place of an implausible value (" in describe(stated) and "+4.0 prior standard deviations" in describe(stated)
+
+
+@pytest.mark.parametrize(
+    ("law_error_without", "removed_share", "grade"),
+    [(LAW_ERROR + 0.05, 0.5, "identified"), (LAW_ERROR - 0.05, 0.8, "unexplained"), (LAW_ERROR - 0.05, 0.95, "identified")],
+    ids=["the others leave much", "as laws usually err", "with it nothing remains"],
+)
+def test_an_effect_that_makes_up_for_what_laws_usually_leave_is_not_stated(gained, law_error_without, removed_share, grade):
+    """Whatever its probability: an approximate law of the other effects does the same."""
+    supported = [
+        replace(one, probability=0.95, law_error_without=law_error_without, values={**one.values, "removed_share": removed_share})
+        for one in support_of_best(gained)
+    ]
+    decision = decide_from(gained, supported)
+    assert decision.grade == grade
+    assert (decision.family is None) == (grade == "unexplained")
+
+
+def test_the_law_error_without_an_effect_is_that_of_the_others(gained):
+    both = replace(gained.best, hypothesis=replace(gained.best.hypothesis, ids=("sensor_gain", "sensor_crosstalk")))
+    crosstalk = next(one for one in gained.ranked if one.ids == ("sensor_crosstalk",))
+    comparison = _with(Comparison(gained.result, (both, gained.best, crosstalk, gained.nothing)), "best", both)
+    assert comparison.law_error_without("sensor_crosstalk") == gained.law_error(gained.best)
+    assert comparison.law_error_without("sensor_gain") == gained.law_error(crosstalk) > gained.law_error(gained.best)
+    assert gained.law_error_without("sensor_gain") == 1.0
 
 
 def tried(family):

@@ -178,6 +178,11 @@ class Comparison:
         left, removed = max(one.misfit**2 - self.noise_floor**2, 0.0), self.nothing.misfit**2 - one.misfit**2
         return float(min(np.sqrt(left / removed), 1.0)) if removed > 0.0 else 1.0
 
+    def law_error_without(self, name: str) -> float:
+        """The law error of the best explanation without one of its effects; 1 where nothing remains."""
+        others = set(self.best.ids) - {name}
+        return next((self.law_error(one) for one in self.ranked if others and set(one.ids) == others), 1.0)
+
     @cached_property
     def noise_floor(self) -> float:
         """What sensor noise alone leaves, in units of noise and usual model error."""

@@ -10,7 +10,8 @@
 `identified`        every effect has a probability of SURE, the held-out misfit is as small as models usually leave, and no nuisance
                     parameter is implausible
 `mostly`            every stated effect has a probability of STATED, and together they remove DOMINANT of what can be removed of the
-                    held-out misfit, or a nuisance parameter is implausible without them
+                    held-out misfit, or a nuisance parameter is implausible without them; none of them only makes up for what an
+                    approximate law of the others leaves
 `family`            one family has a probability of STATED, and the best explanation removes as much
 `nothing missing`   nothing is stated, and the model without effects predicts all held-out conditions as well as models usually do
 `unexplained`       otherwise
@@ -23,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit, logsumexp
 
-from rfca_rig.diagnosis.config import AS_USUAL, DOMINANT, IMPLAUSIBLE, LAW_ERROR, MOST_RIVALS, PRIOR_UNKNOWN, STATED, SURE
+from rfca_rig.diagnosis.config import AS_USUAL, DOMINANT, IMPLAUSIBLE, LAW_ERROR, MOST_RIVALS, PRIOR_UNKNOWN, STATED, SURE, WORTH_ADDING
 from rfca_rig.diagnosis.decision.calibration import Kind, calibration_of, support_values
 from rfca_rig.diagnosis.decision.comparison import Comparison, ScaledHypothesis, compare
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
@@ -39,13 +40,22 @@ HELD_OUT = "held-out misfit"
 
 @dataclass(frozen=True)
 class Supported:
-    """One effect, or family, with its calibrated probability and the numbers that this rests on."""
+    """One effect, or family, with its calibrated probability and the numbers that this rests on.
+
+    `law_error_without` is the law error of the best explanation without the effect; without the effects of a family, the largest of them.
+    """
 
     kind: Kind
     id: str
     probability: float
     values: Mapping[str, float]
     cannot_tell_from: tuple[str, ...] = ()
+    law_error_without: float = 1.0
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether the laws of the other effects leave more without it than approximate laws usually do, or next to nothing with it."""
+        return self.law_error_without > LAW_ERROR or self.values["removed_share"] > 1.0 - WORTH_ADDING
 
 
 @dataclass(frozen=True)
@@ -125,7 +135,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     is_usual = all(criterion.passed for criterion in _criteria(comparison.nothing, ()))
     # where the model without effects predicts as models usually do, its error may look like an effect
     needed = SURE if is_usual else STATED
-    sure = {one.id for one in of_effects.values() if one.probability >= needed}
+    sure = {one.id for one in of_effects.values() if one.probability >= needed and one.is_needed}
     explanation = next((one for one in comparison.ranked if sure and set(one.ids) == sure), None)
     best = at_own_scale(comparison.best)
     family = _best_family(comparison, supported)
@@ -191,12 +201,16 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
     for effect_id in comparison.best.ids:
         alike = comparison.as_good_as(effect_id)
         values = support_values(comparison.support((effect_id, *alike, *comparison.variants_of(effect_id))))
-        found.append(Supported("effect", effect_id, calibration_of("effect").probability(values), values, alike))
+        without = comparison.law_error_without(effect_id)
+        found.append(Supported("effect", effect_id, calibration_of("effect").probability(values), values, alike, without))
     for family in _families_of_best(comparison).values():
         # a size at the end of its range speaks against the law, not against its family
         values = support_values(comparison.support(tuple(sorted(family.members)))) | {"bound": 0.0}
         within = [one.probability for one in found if family.members.issuperset((one.id, *one.cannot_tell_from))]
-        found.append(Supported("family", family.id, max((calibration_of("family").probability(values), *within)), values))
+        without = max(one.law_error_without for one in found if one.id in family.members)
+        found.append(
+            Supported("family", family.id, max((calibration_of("family").probability(values), *within)), values, (), without)
+        )
     return tuple(found)
 
 
@@ -232,7 +246,7 @@ def describe_strain(hypothesis: Hypothesis) -> str:
 def _best_family(comparison: Comparison, supported: Sequence[Supported]) -> StatedFamily | None:
     """The most probable family of the best explanation's effects; the larger one of two that are as probable, which says less."""
     known = _families_of_best(comparison)
-    ranked = [(one.probability, len(known[one.id].members), one.id) for one in supported if one.kind == "family"]
+    ranked = [(one.probability, len(known[one.id].members), one.id) for one in supported if one.kind == "family" and one.is_needed]
     if not ranked:
         return None
     probability, _, name = max(ranked)
