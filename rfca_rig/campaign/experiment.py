@@ -5,6 +5,7 @@ docs/mechanisms.md shows an experiment.toml. Everything is in SI units behind th
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +20,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RecordedSignal:
-    """What one column holds: the position or the speed of a joint. `noise_std` in SI, None where it is to be found from the samples."""
+    """What one column holds: `quantity` is position or speed of the joint `name`, or sensor, which `name` is then.
 
-    joint: str
-    is_speed: bool
-    is_distance: bool
+    `unit` is in SI; `noise_std` too, None where it is to be found from the samples.
+    """
+
+    quantity: Literal["position", "speed", "sensor"]
+    name: str
+    unit: str
     noise_std: float | None
 
 
@@ -60,7 +64,9 @@ def read_experiment(folder: Path) -> Experiment:
     described = read_toml(path, ExperimentFile)
     _check_unique(path, described)
     signals = tuple(
-        RecordedSignal(s.joint, s.quantity == "speed", s.is_distance, None if s.noise_std is None else abs(s.noise_std * s.factor))
+        RecordedSignal(
+            s.quantity or "sensor", s.joint or s.sensor or "", s.si_unit, None if s.noise_std is None else abs(s.noise_std * s.factor)
+        )
         for s in described.signals
     )
     return Experiment(
@@ -79,7 +85,7 @@ def read_experiment(folder: Path) -> Experiment:
 def _check_unique(path: Path, described: ExperimentFile) -> None:
     """No joint's quantity, no actuator, no file and no repeat of a condition comes twice."""
     keys: list[tuple[str, list[tuple[str, ...]]]] = [
-        ("signals", [(signal.joint, signal.quantity) for signal in described.signals]),
+        ("signals", [(signal.joint or signal.sensor or "", signal.quantity or "sensor") for signal in described.signals]),
         ("commands", [(command.actuator,) for command in described.commands]),
         ("recordings", [(run.file,) for run in described.recordings]),
         ("recordings", [(run.condition, f"repeat {run.repeat}") for run in described.recordings]),
@@ -99,7 +105,7 @@ def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismR
     table = read_table(folder / run.file)
     signals, commands = described.signals, described.commands if run.driven else ()
     holds = {described.time.column: "the time"}
-    holds |= {signal.column: f"the {signal.quantity} of joint {signal.joint}" for signal in signals}
+    holds |= {signal.column: signal.words for signal in signals}
     holds |= {command.column: f"the command of actuator {command.actuator}" for command in commands}
     for name, meaning in holds.items():
         if name not in table.names:

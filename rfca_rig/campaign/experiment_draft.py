@@ -13,6 +13,7 @@ from rfca_rig.campaign.experiment_layout import (
     FILE_NAME,
     FORMAT,
     LENGTH_UNITS,
+    SIGNAL_UNITS,
     SPEED_UNITS,
     TIME_UNITS,
 )
@@ -65,6 +66,8 @@ def draft(mechanism: Mechanism, folder: Path, files: list[Path]) -> str:
         hint = "" if slides else "; a count needs counts_per_turn"
         lines += _table("signals", {"joint": written(joint), "quantity": written("position")}, f"{_any_of(position)}{hint}")
         lines += _table("signals", {"joint": written(joint), "quantity": written("speed")}, _any_of(speed), "if speeds were not recorded")
+    for sensor, (_, unit) in mechanism.sensor_values.items():
+        lines += _table("signals", {"sensor": written(sensor)}, _any_of(SIGNAL_UNITS[unit]), "if it was not recorded")
     for actuator in mechanism.actuators:
         lines += _table(
             "commands", {"actuator": written(actuator)}, f"{_any_of(COMMAND_UNITS)}; measured, or else commanded", "if it was off"
@@ -95,8 +98,8 @@ def _table(name: str, known: dict[str, str], units: str, remove: str = "") -> li
 
 
 def _any_of(units: dict[str, float]) -> str:
-    names = list(units)
-    return f"{', '.join(names[:-1])} or {names[-1]}"
+    *names, last = units
+    return f"{', '.join(names)} or {last}" if names else last
 
 
 def _extent(values: np.ndarray[tuple[int], np.dtype[np.float64]] | None) -> str:

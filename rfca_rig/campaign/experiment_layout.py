@@ -16,8 +16,23 @@ ANGLE_UNITS = {"rad": 1.0, "deg": 0.017453292519943295, "turn": 6.28318530717958
 LENGTH_UNITS = {"m": 1.0, "mm": 1e-3}
 ANGLE_SPEED_UNITS = {"rad/s": 1.0, "deg/s": 0.017453292519943295, "rpm": 0.10471975511965977, "turn/s": 6.283185307179586}
 SPEED_UNITS = {"m/s": 1.0, "mm/s": 1e-3}
+FORCE_UNITS = {"N": 1.0}
+TORQUE_UNITS = {"N m": 1.0, "mN m": 1e-3}
+ACCELERATION_UNITS = {"m/s2": 1.0, "g0": 9.80665}
 COMMAND_UNITS = {"N m": 1.0, "mN m": 1e-3, "N": 1.0, "A": 1.0, "mA": 1e-3, "V": 1.0, "mV": 1e-3, "1": 1.0}
 COUNTS = "count"
+
+# What a signal may be, by the SI unit that MuJoCo has it in
+SIGNAL_UNITS = {
+    "rad": ANGLE_UNITS,
+    "m": LENGTH_UNITS,
+    "rad/s": ANGLE_SPEED_UNITS,
+    "m/s": SPEED_UNITS,
+    "N": FORCE_UNITS,
+    "N m": TORQUE_UNITS,
+    "m/s2": ACCELERATION_UNITS,
+}
+OF_QUANTITY = {"position": ("rad", "m"), "speed": ("rad/s", "m/s"), None: tuple(SIGNAL_UNITS)}
 
 
 def _one_of(unit: str, known: dict[str, float]) -> str:
@@ -39,13 +54,15 @@ class TimeSection(Section):
 
 
 class SignalSection(Section):
-    """[[signals]]: a column that holds the position or the speed of a joint.
+    """[[signals]]: a column that holds the position or the speed of a joint, or a value of one of the model's sensors.
 
-    A position in counts needs `counts_per_turn`. `sign` is -1 where the column counts the other way round than the model.
+    A sensor with three values needs the component in its name, as in `plate_z`. A position in counts needs `counts_per_turn`. `sign` is -1
+    where the column counts the other way round than the model.
     """
 
-    joint: Text
-    quantity: Literal["position", "speed"]
+    joint: Text | None = None
+    quantity: Literal["position", "speed"] | None = None
+    sensor: Text | None = None
     column: Text
     unit: str
     sign: Literal[1, -1] = 1
@@ -54,25 +71,32 @@ class SignalSection(Section):
 
     @model_validator(mode="after")
     def _unit_suits(self) -> Self:
-        counts = {COUNTS: 0.0} if self.quantity == "position" else {}
-        known = ANGLE_UNITS | LENGTH_UNITS if self.quantity == "position" else ANGLE_SPEED_UNITS | SPEED_UNITS
-        if self.unit not in {**known, **counts}:
-            raise ValueError(f"unit {self.unit!r} of a {self.quantity} should be one of {', '.join((*known, *counts))}")
+        if (self.joint is None) == (self.sensor is None) or (self.joint is None) != (self.quantity is None):
+            raise ValueError("a signal has a joint with a quantity, position or speed, or else a sensor")
+        known = [unit for si in OF_QUANTITY[self.quantity] for unit in SIGNAL_UNITS[si]]
+        if self.unit not in (*known, COUNTS) or (self.unit == COUNTS and self.quantity != "position"):
+            counts = (COUNTS,) if self.quantity == "position" else ()
+            raise ValueError(f"unit {self.unit!r} of a {self.quantity or 'sensor'} should be one of {', '.join((*known, *counts))}")
         if (self.unit == COUNTS) != (self.counts_per_turn is not None):
             raise ValueError("counts_per_turn belongs to the unit 'count': give both or none")
         return self
 
     @property
-    def is_distance(self) -> bool:
-        """Whether the unit is one of a slide."""
-        return self.unit in LENGTH_UNITS or self.unit in SPEED_UNITS
+    def words(self) -> str:
+        """What the column holds."""
+        return f"sensor {self.sensor}" if self.joint is None else f"the {self.quantity} of joint {self.joint}"
+
+    @property
+    def si_unit(self) -> str:
+        """The unit that MuJoCo has it in."""
+        return "rad" if self.unit == COUNTS else next(si for si, units in SIGNAL_UNITS.items() if self.unit in units)
 
     @property
     def factor(self) -> float:
-        """From the column to the model's SI unit, with the sign."""
+        """From the column to the SI unit, with the sign."""
         if self.counts_per_turn is not None:
             return self.sign * ANGLE_UNITS["turn"] / self.counts_per_turn
-        return self.sign * (ANGLE_UNITS | LENGTH_UNITS | ANGLE_SPEED_UNITS | SPEED_UNITS)[self.unit]
+        return self.sign * SIGNAL_UNITS[self.si_unit][self.unit]
 
 
 class CommandSection(Section):
@@ -118,6 +142,11 @@ class KnownToMechanism(Section):
     zero_offset_m: Positive | None = None
     command_gain_relative: Positive | None = None
     command_delay_s: Annotated[float, Field(gt=0.0, le=0.025)] | None = None
+    sensor_offset_N: Positive | None = None
+    sensor_offset_Nm: Positive | None = None
+    contact_stiffness_relative: Positive | None = None
+    contact_damping_relative: Positive | None = None
+    contact_friction_relative: Positive | None = None
     torque_error_relative: Annotated[float, Field(ge=0.001, le=0.2)] | None = None
 
 

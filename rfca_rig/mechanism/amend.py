@@ -9,7 +9,7 @@ from rfca_rig.recording.atomic import write_atomically
 
 
 def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
-    """Writes MJCF with the plant's joints, bodies, actuators and gravity.
+    """Writes MJCF with the plant's joints, bodies, actuators, contacts and gravity.
 
     Parameters
     ----------
@@ -26,6 +26,7 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
     import mujoco  # noqa: PLC0415  (optional)
 
     spec, model = mujoco.MjSpec.from_file(str(plant.mechanism.path)), plant.model
+    spec.compile()  # gives every geom its place
     for place, joint in enumerate(spec.joints):
         joint.frictionloss, joint.armature = plant.friction[place], model.dof_armature[place]
         joint.damping = [model.dof_damping[place], *model.dof_dampingpoly[place]]
@@ -37,6 +38,10 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
             body.inertia, body.fullinertia = model.body_inertia[place], np.full(6, np.nan)
     for place, actuator in enumerate(spec.actuators):
         actuator.gear = model.actuator_gear[place] * plant.command_gain[place]
+    for geom in spec.geoms:
+        geom.solref, geom.friction = model.geom_solref[geom.id], model.geom_friction[geom.id]
+    for pair in spec.pairs:
+        pair.solref, pair.friction = model.pair_solref[pair.id], model.pair_friction[pair.id]
     spec.option.gravity = model.opt.gravity
     spec.compile()
     write_atomically(path, spec.to_xml().encode("utf-8"))
@@ -52,4 +57,6 @@ def _beyond_mjcf(plant: Plant) -> list[tuple[str, bool]]:
         ("saturation of the commands", bool(np.isfinite(plant.command_limit).any())),
         ("delay or lag of the commands", plant.command_delay_s != 0.0 or plant.command_lag_s > 0.0),
         ("lag of the speed readings", plant.speed_lag_s > 0.0),
+        ("scales and offsets of the sensors", bool((plant.sensor_gain != 1.0).any() or plant.sensor_offset.any())),
+        ("delay or lag of the sensors", plant.sensor_delay_s != 0.0 or plant.sensor_lag_s > 0.0),
     ]

@@ -4,14 +4,22 @@ MJCF holds most of these laws. `Plant` has those that it does not: friction that
 readings. A law that may act in one joint alone comes as two effects: in all joints, each with a size of its own, and in one.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.mechanism.load import Mechanism
-from rfca_rig.mechanism.plant import Change, Plant, add_friction, add_to
+from rfca_rig.mechanism.plant import (
+    Change,
+    Plant,
+    add_friction,
+    add_to,
+    scale_contact_damping,
+    scale_contact_friction,
+    scale_contact_stiffness,
+)
 from rfca_rig.mechanism.usual_motion import UsualMotion
 from rfca_rig.model.effect import Effect, Parameter, Values
 
@@ -56,7 +64,7 @@ def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
     for law in _laws(mechanism, usual):
         found += _in_all_and_in_one(law)
     found += _stribeck(mechanism, usual)
-    return [*found, *_of_commands(usual), *_of_rig(mechanism)]
+    return [*found, *_of_commands(usual), *_of_sensors(mechanism, usual), *_of_contacts(mechanism), *_of_rig(mechanism)]
 
 
 def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[_Law]:
@@ -182,6 +190,54 @@ def _of_commands(usual: UsualMotion) -> Iterator[Effect]:
     if usual.has_speeds:
         yield Effect("speed_lag", "readings", "speeds are read later than the positions", "T y' = x - y for speeds alone",
                      "first-order low-pass", (late,), read_late)  # fmt: skip
+
+
+def _of_sensors(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
+    """What force sensors and the like do to their readings; positions of joints are the reference."""
+
+    def lag(plant: Plant, values: Values) -> Plant:
+        plant.sensor_lag_s = values["time_constant_s"]
+        return plant
+
+    def delay(plant: Plant, values: Values) -> Plant:
+        plant.sensor_delay_s += values["offset_s"]
+        return plant
+
+    if not usual.sensors:
+        return
+    places = tuple(mechanism.sensor_values[name][0] for name in usual.sensors)
+    one = np.ones(len(places))
+    yield from _in_all_and_in_one(
+        _Law("sensor_gain", "scale of the sensors wrong", "y = factor x", "calibration", "factor", ("",) * len(places), usual.sensors,
+             places, 0.5 * one, 2.0 * one, _scale_sensor, "sensor")
+    )  # fmt: skip
+    yield Effect("sensor_lag", "readings", "the sensors are read later than the joints: a filter", "T y' = x - y", "first-order low-pass",
+                 (Parameter("time_constant_s", 0.002, 0.05, may_be_zero=False, below=0.1),), lag)  # fmt: skip
+    yield Effect("clock_offset", "readings", "the clocks of sensors and joints differ", "y(t) = x(t - offset)", "two clocks",
+                 (Parameter("offset_s", -0.04, 0.04, below=0.1),), delay)  # fmt: skip
+
+
+def _scale_sensor(plant: Plant, place: int, value: float) -> None:
+    plant.sensor_gain[place] *= value
+
+
+def _of_contacts(mechanism: Mechanism) -> Iterator[Effect]:
+    def scaled_by(scale: Callable[[Plant, float], None]) -> Callable[[Plant, Values], Plant]:
+        def apply(plant: Plant, values: Values) -> Plant:
+            scale(plant, values["factor"])
+            return plant
+
+        return apply
+
+    if mechanism.has_contacts:
+        for name, words, change, low, high in (
+            ("contact_stiffness", "the contacts are softer or stiffer", scale_contact_stiffness, 0.05, 20.0),
+            ("contact_damping", "the contacts lose more or less energy", scale_contact_damping, 0.05, 20.0),
+            ("contact_friction", "friction of the contacts differs", scale_contact_friction, 0.1, 3.0),
+        ):
+            factor = Parameter("factor", low, high, may_be_zero=False)
+            yield Effect(name, "ground", words, "the model's value times the factor", "MuJoCo, solver parameters", (factor,),
+                         scaled_by(change), same_as=f"{name}_relative")  # fmt: skip
 
 
 def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:

@@ -1,5 +1,6 @@
 """Loads a mechanism from an MJCF or URDF file."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,7 +13,25 @@ from rfca_rig.errors import BadInput
 
 Floats = NDArray[np.float64]
 
+# SI unit of each kind of MuJoCo's sensors that a recording may hold
+SENSOR_UNITS = {
+    **dict.fromkeys(("TOUCH", "FORCE"), "N"),
+    "TORQUE": "N m",
+    **dict.fromkeys(("ACCELEROMETER", "FRAMELINACC"), "m/s2"),
+    **dict.fromkeys(("VELOCIMETER", "FRAMELINVEL", "SUBTREELINVEL"), "m/s"),
+    **dict.fromkeys(("GYRO", "FRAMEANGVEL"), "rad/s"),
+    **dict.fromkeys(("FRAMEPOS", "RANGEFINDER", "SUBTREECOM"), "m"),
+}
 ARENA_BYTES = 1 << 20  # of a simulation's memory; the default of 15 MB takes longer to allocate than a window to simulate
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """The first value of a sensor in MuJoCo's `sensordata`, how many it has, and their SI unit."""
+
+    first: int
+    values: int
+    unit: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +50,10 @@ class Mechanism:
         (n,) whether a joint slides: its angle is a distance then, its torque a force.
     driven
         (n,) whether an actuator acts on the joint.
+    sensors
+        Of each sensor that a signal may hold, by name: its first value in MuJoCo's `sensordata`, how many it has, and their SI unit.
+    has_contacts
+        Whether any two bodies may touch.
     """
 
     path: Path
@@ -40,6 +63,17 @@ class Mechanism:
     bodies: tuple[str, ...]
     is_slide: NDArray[np.bool_]
     driven: NDArray[np.bool_]
+    sensors: Mapping[str, "Sensor"]
+    has_contacts: bool
+
+    @property
+    def sensor_values(self) -> dict[str, tuple[int, str]]:
+        """Place in `sensordata` and SI unit of each single value, by the sensor's name and, where it has three, the component."""
+        found: dict[str, tuple[int, str]] = {}
+        for name, sensor in self.sensors.items():
+            components = ("_x", "_y", "_z") if sensor.values == 3 else ("",)
+            found |= {f"{name}{component}": (sensor.first + k, sensor.unit) for k, component in enumerate(components)}
+        return found
 
     def joint(self, name: str, where: str) -> int:
         """The place of a joint. Raises BadInput, which begins with `where`."""
@@ -48,6 +82,11 @@ class Mechanism:
     def actuator(self, name: str, where: str) -> int:
         """The place of an actuator. Raises BadInput, which begins with `where`."""
         return _place(name, self.actuators, "actuator", where)
+
+    def sensor_value(self, name: str, where: str) -> tuple[int, str]:
+        """Place and SI unit of one value of a sensor. Raises BadInput, which begins with `where`."""
+        values = self.sensor_values
+        return values[tuple(values)[_place(name, tuple(values), "sensor", where)]]
 
 
 def _place(name: str, names: tuple[str, ...], kind: str, where: str) -> int:
@@ -108,4 +147,17 @@ def load_mechanism(path: Path) -> Mechanism:
         bodies=tuple(model.body(i).name or f"body{i}" for i in range(1, model.nbody)),
         is_slide=np.array([kinds[int(kind)] for kind in model.jnt_type]),
         driven=driven,
+        sensors=_list_sensors(model),
+        has_contacts=bool(model.npair > 0 or np.any(model.geom_contype & model.geom_conaffinity[:, None])),
     )
+
+
+def _list_sensors(model: Any) -> dict[str, Sensor]:
+    """The sensors that have a name and a unit, by name."""
+    import mujoco  # noqa: PLC0415  (optional)
+
+    kinds = {int(getattr(mujoco.mjtSensor, f"mjSENS_{kind}")): unit for kind, unit in SENSOR_UNITS.items()}
+    found = [(model.sensor(i).name, int(model.sensor_type[i]), i) for i in range(model.nsensor)]
+    return {
+        name: Sensor(int(model.sensor_adr[i]), int(model.sensor_dim[i]), kinds[kind]) for name, kind, i in found if name and kind in kinds
+    }

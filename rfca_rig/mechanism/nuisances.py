@@ -6,7 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.mechanism.load import Mechanism
-from rfca_rig.mechanism.plant import Change, Plant, add_friction, add_to
+from rfca_rig.mechanism.plant import (
+    Change,
+    Plant,
+    add_friction,
+    add_to,
+    scale_contact_damping,
+    scale_contact_friction,
+    scale_contact_stiffness,
+)
+
+SENSORS = {"force sensors": "N", "torque sensors": "N m"}  # and their unit
 
 
 @dataclass(frozen=True)
@@ -18,8 +28,8 @@ class NuisanceKind:
     unit
         Of the value and of its standard uncertainty.
     objects
-        What it is a value of: "bodies", "hinges", "slides", "hinge motors", "slide motors" (joints with an actuator), "actuators", or
-        "rig" for one value in all.
+        What it is a value of: "bodies", "hinges", "slides", "hinge motors", "slide motors" (joints with an actuator), "actuators",
+        "force sensors", "torque sensors", "contacts" for one value of all contacts, or "rig" for one value in all.
     shift
         Changes a plant: object by place, value.
     nominal
@@ -34,8 +44,10 @@ class NuisanceKind:
 
 def places_of(mechanism: Mechanism, objects: str) -> dict[str, int]:
     """Names and places of the objects that a kind of nuisance parameter belongs to."""
-    if objects == "rig":
-        return {"": 0}
+    if objects in ("rig", "contacts"):
+        return {"": 0} if objects == "rig" or mechanism.has_contacts else {}
+    if objects in SENSORS:
+        return {name: place for name, (place, unit) in mechanism.sensor_values.items() if unit == SENSORS[objects]}
     if objects == "bodies":
         return {name: place for place, name in enumerate(mechanism.bodies) if mechanism.model.body_mass[place + 1] > 0.0}
     if objects == "actuators":
@@ -74,6 +86,19 @@ def _gain(plant: Plant, place: int, share: float) -> None:
     plant.command_gain[place] *= 1.0 + share
 
 
+def _sensor_offset(plant: Plant, place: int, by: float) -> None:
+    plant.sensor_offset[place] += by
+
+
+def _of_contacts(scale: Callable[[Plant, float], None]) -> Change:
+    """A change of all contacts by a share, of which a twentieth remains at least."""
+
+    def change(plant: Plant, place: int, share: float) -> None:  # noqa: ARG001
+        scale(plant, max(0.05, 1.0 + share))
+
+    return change
+
+
 def _delay(plant: Plant, place: int, by_s: float) -> None:  # noqa: ARG001
     plant.command_delay_s += by_s
 
@@ -100,5 +125,10 @@ NUISANCES: Mapping[str, NuisanceKind] = {
     "zero_offset_m": NuisanceKind("m", "slides", _zero_offset),
     "command_gain_relative": NuisanceKind("", "actuators", _gain),
     "command_delay_s": NuisanceKind("s", "rig", _delay),
+    "sensor_offset_N": NuisanceKind("N", "force sensors", _sensor_offset),
+    "sensor_offset_Nm": NuisanceKind("N m", "torque sensors", _sensor_offset),
+    "contact_stiffness_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_stiffness)),
+    "contact_damping_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_damping)),
+    "contact_friction_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_friction)),
 }
 OF_COMMANDS = ("torque_offset_Nm", "force_offset_N", "command_gain_relative", "command_delay_s")  # without commands they change nothing

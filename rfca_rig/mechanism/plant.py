@@ -39,6 +39,10 @@ class Plant:
         How much later than recorded they act: dead time, and time constant of a low-pass.
     speed_lag_s
         Time constant of a low-pass over the readings of speed.
+    sensor_gain, sensor_offset
+        (d,) factor on each value of the sensors, and what is added to it.
+    sensor_lag_s, sensor_delay_s
+        Time constant of a low-pass over the sensors, and by how much their clock is late.
     """
 
     mechanism: Mechanism
@@ -51,19 +55,32 @@ class Plant:
     zero_offset: Floats
     command_gain: Floats
     command_limit: Floats
+    sensor_gain: Floats
+    sensor_offset: Floats
     command_delay_s: float = 0.0
     command_lag_s: float = 0.0
     speed_lag_s: float = 0.0
+    sensor_lag_s: float = 0.0
+    sensor_delay_s: float = 0.0
+
+    @property
+    def reads_sensors(self) -> bool:
+        """Whether the simulation computes the sensors."""
+        import mujoco  # noqa: PLC0415  (optional)
+
+        return not self.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_SENSOR
 
 
-def make_plant(mechanism: Mechanism, step_s: float) -> Plant:
-    """The mechanism as its file has it."""
+def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False) -> Plant:
+    """The mechanism as its file has it; sensors cost time, so they are computed where `reads_sensors` asks for them."""
     import mujoco  # noqa: PLC0415  (optional)
 
     model = copy.copy(mechanism.model)
     model.opt.timestep = step_s
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    if not reads_sensors:
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
     zeros = np.zeros(model.nv)
     return Plant(
         mechanism=mechanism,
@@ -76,6 +93,8 @@ def make_plant(mechanism: Mechanism, step_s: float) -> Plant:
         zero_offset=zeros.copy(),
         command_gain=np.ones(model.nu),
         command_limit=np.full(model.nu, np.inf),
+        sensor_gain=np.ones(model.nsensordata),
+        sensor_offset=np.zeros(model.nsensordata),
     )
 
 
@@ -104,3 +123,32 @@ def add_to(field: str, least: float = -np.inf) -> Change:
 def add_friction(plant: Plant, joint: int, by: float) -> None:
     """Adds dry friction; the sum is not below zero."""
     plant.friction[joint] = max(0.0, plant.friction[joint] + by)
+
+
+def scale_contact_stiffness(plant: Plant, factor: float) -> None:
+    """Makes all contacts stiffer by a factor, with as much damping.
+
+    References
+    ----------
+    MuJoCo documentation, Modeling, solver parameters: the damping is 2 / (d t) and the stiffness 1 / (d t r)^2 of a contact with time
+    constant t, damping ratio r and impedance d; of negative values, stiffness and damping themselves.
+    """
+    for solref in (plant.model.geom_solref, plant.model.pair_solref):
+        is_direct = solref[:, 0] < 0.0
+        solref[is_direct, 0] *= factor
+        solref[~is_direct, 1] /= np.sqrt(factor)
+
+
+def scale_contact_damping(plant: Plant, factor: float) -> None:
+    """Makes all contacts damp more by a factor, with the same stiffness; see `scale_contact_stiffness`."""
+    for solref in (plant.model.geom_solref, plant.model.pair_solref):
+        is_direct = solref[:, 0] < 0.0
+        solref[is_direct, 1] *= factor
+        solref[~is_direct, 0] /= factor
+        solref[~is_direct, 1] *= factor
+
+
+def scale_contact_friction(plant: Plant, factor: float) -> None:
+    """Multiplies the sliding friction of all contacts."""
+    plant.model.geom_friction[:, 0] *= factor
+    plant.model.pair_friction[:, :2] *= factor

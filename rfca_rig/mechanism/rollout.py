@@ -40,10 +40,11 @@ class CommandTrace:
 
 @dataclass(frozen=True)
 class Motion:
-    """Positions and speeds (k, n) of the joints as they would be read, in rad and rad/s or m and m/s."""
+    """What would be read, (k, ...): positions and speeds of the joints in rad and rad/s or m and m/s, and the sensors in SI units."""
 
     position: Floats
     speed: Floats
+    sensors: Floats
 
 
 @cache
@@ -87,8 +88,12 @@ def carry(
     friction: Floats,
     path_q: Floats,
     path_w: Floats,
+    sensordata: Floats,
+    path_s: Floats,
 ) -> None:
     """Steps through `command` (k, u) and notes positions and speeds before each step and after the last, (k + 1, n).
+
+    Sensors are noted before each step, (k, d): MuJoCo computes them at a step's beginning.
 
     `friction` (5, n): dry friction, Stribeck friction, its rise and its speed, and the share of the load that is lost. The arrays from `q`
     to `frictionloss` are MuJoCo's own.
@@ -101,6 +106,8 @@ def carry(
         for j in range(ctrl.size):
             ctrl[j] = command[k, j]
         call_step(step, model, data)
+        for i in range(path_s.shape[1]):
+            path_s[k, i] = sensordata[i]
     for i in range(q.size):
         path_q[-1, i], path_w[-1, i] = q[i], w[i]
 
@@ -143,11 +150,12 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     data.ctrl[:] = commands[0]
     mujoco.mj_forward(model, data)  # the first step's friction asks for the actuators' torques
     path_q, path_w = np.empty((steps + 1, model.nv)), np.empty((steps + 1, model.nv))
+    path_s = np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0))
     friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss])
     carry(
         _step_address(), model._address, data._address,
         data.qpos, data.qvel, data.ctrl, data.qfrc_actuator, model.dof_frictionloss,
-        commands, friction, path_q, path_w,
+        commands, friction, path_q, path_w, data.sensordata, path_s,
     )  # fmt: skip
     if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
         raise SimulationFailed(f"the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
@@ -155,9 +163,25 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     if plant.speed_lag_s > 0.0:
         read_w = path_w.copy()
         lag(read_w, 1.0 - float(np.exp(-h / plant.speed_lag_s)))
+    if path_s.size:
+        mujoco.mj_forward(model, data)
+        path_s[-1] = data.sensordata
     place = np.minimum((t_s / h).astype(np.intp), steps - 1)
     x = (t_s / h - place)[:, None]
-    return Motion(_between(path_q, path_w, place, x, h) + plant.zero_offset, read_w[place] + x * (read_w[place + 1] - read_w[place]))
+    position = _between(path_q, path_w, place, x, h) + plant.zero_offset
+    return Motion(position, read_w[place] + x * (read_w[place + 1] - read_w[place]), _read_sensors(plant, path_s, t_s))
+
+
+def _read_sensors(plant: Plant, path: Floats, t_s: Floats) -> Floats:
+    """The sensors' values at these times, after their lag, delay, gain and offset; before the start they stand still."""
+    if path.shape[1] == 0:
+        return np.empty((len(t_s), 0))
+    h = plant.step_s
+    if plant.sensor_lag_s > 0.0:
+        lag(path, 1.0 - float(np.exp(-h / plant.sensor_lag_s)))
+    times = np.arange(len(path)) * h
+    read = np.column_stack([np.interp(t_s - plant.sensor_delay_s, times, values) for values in path.T])
+    return read * plant.sensor_gain + plant.sensor_offset
 
 
 def _between(path_q: Floats, path_w: Floats, place: NDArray[np.intp], x: Floats, h: float) -> Floats:

@@ -19,7 +19,7 @@ class UsualMotion:
     inertia.
 
     `command` (u,) is the largest magnitude of each actuator's command; all zero where nothing was commanded. `has_speeds`: whether speeds
-    were recorded.
+    were recorded. `sensors`: the names of the sensors' values that were recorded.
     """
 
     torque: Floats
@@ -28,6 +28,7 @@ class UsualMotion:
     inertia: Floats
     command: Floats
     has_speeds: bool
+    sensors: tuple[str, ...] = ()
 
     @property
     def is_driven(self) -> bool:
@@ -35,7 +36,13 @@ class UsualMotion:
 
 
 def measure_usual_motion(
-    mechanism: Mechanism, position: Floats, speed: Floats, commands: Sequence[Floats], seconds: float, has_speeds: bool
+    mechanism: Mechanism,
+    position: Floats,
+    speed: Floats,
+    commands: Sequence[Floats],
+    seconds: float,
+    has_speeds: bool,
+    sensors: tuple[str, ...] = (),
 ) -> UsualMotion:
     """What the windows of all recordings show of each joint.
 
@@ -51,6 +58,8 @@ def measure_usual_motion(
         Length of a window.
     has_speeds
         Whether speeds were recorded.
+    sensors
+        Names of the sensors' values that were recorded.
     """
     import mujoco  # noqa: PLC0415  (optional)
 
@@ -74,7 +83,7 @@ def measure_usual_motion(
         torque = inertia * usual_speed / seconds
     largest = np.max([np.abs(command).max(axis=0, initial=0.0) for command in commands], axis=0)
     torque, usual_speed, travel, inertia = (_not_small(v, mechanism.is_slide) for v in (torque, usual_speed, travel, inertia))
-    return UsualMotion(torque, usual_speed, travel, inertia, largest, has_speeds)
+    return UsualMotion(torque, usual_speed, travel, inertia, largest, has_speeds, sensors)
 
 
 def _not_small(values: Floats, slides: NDArray[np.bool_]) -> Floats:

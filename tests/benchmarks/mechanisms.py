@@ -1,16 +1,19 @@
-"""How often the diagnosis of a mechanism is right: arms of three geared joints, simulated by SciPy from their own equations.
+"""How often the diagnosis of a mechanism is right: arms of three geared joints, and hoppers on a rail, simulated from their own equations.
 
-Run: python -m tests.benchmarks.mechanisms FOLDER [--cases 40] [--seed 1]
+Run: python -m tests.benchmarks.mechanisms FOLDER [--mechanism arm|hopper] [--cases 40] [--seed 1]
 
-Every case draws an arm, nominal values that are off by their standard uncertainty, and what is concealed: nothing, or one effect. Its law
-is wrong by 20 to 40 %, as friction is LuGre's with a Stribeck rise and a share of the load. Answers stay in FOLDER; the same command goes
-on.
+Every case draws a mechanism, nominal values that are off by their standard uncertainty, and what is concealed: nothing, or one effect. Its
+law is wrong by 20 to 40 %: dry friction is LuGre's or rises at rest, and a share of it follows the load; contacts are Hunt and Crossley's.
+Answers stay in FOLDER; the same command goes on.
 """
 
 import argparse
 import json
+import time
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing import Pool
 from pathlib import Path
 
@@ -21,72 +24,137 @@ from rfca_rig.crew.cores import cores
 from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.errors import RigError
 from rfca_rig.model.families import families_of
-from tests.mechanism.arm import Arm, Friction, record, write_campaign
+from tests.mechanism import arm, hopper
 
-SECONDS, RUNS = 8.0, 2
-MASS_RELATIVE, ZERO_RAD = 0.02, 0.002
 NOTHING = "nothing"
+DRY = ("joint_friction_of_one", "joint_friction", "joint_stribeck")
+LATE = ("torque_delay", "torque_lag")
 # what is concealed, and the ids that are right
-KINDS = {
+ARM_KINDS = {
     NOTHING: (),
     "dry friction": ("joint_friction", "joint_stribeck"),
-    "dry friction of one": ("joint_friction_of_one", "joint_friction", "joint_stribeck"),
+    "dry friction of one": DRY,
     "damping": ("joint_damping",),
     "rotors": ("joint_inertia",),
     "gear loss": ("joint_load_friction",),
     "torque scale": ("torque_scale",),
-    "late torque": ("torque_delay", "torque_lag"),
+    "late torque": LATE,
 }
-TORQUE_NM = np.array([6.0, 2.5, 0.7])  # usual in these arms
+HOPPER_KINDS = {
+    NOTHING: (),
+    "dry friction of the leg": DRY,
+    "damping of the leg": ("joint_damping_of_one", "joint_damping"),
+    "softer sole": ("contact_stiffness",),
+    "sole that loses energy": ("contact_damping",),
+    "payload": ("added_mass",),
+    "force scale": ("torque_scale",),
+    "late force": LATE,
+    "late plate": ("sensor_lag", "clock_offset"),
+    "plate scale": ("sensor_gain",),
+}
 
 
 @dataclass(frozen=True)
 class Case:
-    """What is concealed in which arm, what the model file says of it, and the seed of the recordings."""
+    """What is concealed, and a campaign with it: `write` makes it in a folder."""
 
-    number: int
     kind: str
-    arm: Arm
-    nominal: Arm
-    seed: int
+    write: object
 
 
-def draw(seed, number):
-    """Case `number` of a seed, whatever the others are. Every third one conceals nothing."""
-    random = np.random.default_rng([seed, number])
-    kinds = list(KINDS)
-    kind = NOTHING if number % 3 == 0 else kinds[1 + (number - number // 3 - 1) % (len(kinds) - 1)]
-    nominal = Arm(
+def draw_arm(kind, random):
+    """An arm whose links are 20 % longer or shorter, and heavier or lighter, than the usual ones."""
+    mass_relative, zero_rad, usual_Nm = 0.02, 0.002, np.array([6.0, 2.5, 0.7])
+    nominal = arm.Arm(
         length_m=tuple(np.array([0.35, 0.3, 0.2]) * random.uniform(0.8, 1.2, 3)),
         mass_kg=tuple(np.array([2.0, 1.4, 0.7]) * random.uniform(0.8, 1.2, 3)),
     )
-    arm = replace(nominal, mass_kg=tuple(np.array(nominal.mass_kg) * (1.0 + MASS_RELATIVE * random.standard_normal(3))))
-    arm = replace(arm, zero_rad=tuple(ZERO_RAD * random.standard_normal(3)))
-    size = random.uniform(0.05, 0.25, 3) * TORQUE_NM
+    actual = replace(nominal, mass_kg=tuple(np.array(nominal.mass_kg) * (1.0 + mass_relative * random.standard_normal(3))))
+    actual = replace(actual, zero_rad=tuple(zero_rad * random.standard_normal(3)))
+    size = random.uniform(0.05, 0.25, 3) * usual_Nm
     rise, load = random.uniform(0.2, 0.4), random.uniform(0.0, 0.03)
     one = np.arange(3) == random.integers(3)
     changes = {
-        "dry friction": {"friction": Friction(tuple(size), rise, 0.3, of_load=load)},
-        "dry friction of one": {"friction": Friction(tuple(size * one), rise, 0.3)},
-        "damping": {"friction": Friction((0.0, 0.0, 0.0), viscous_Nm_s_per_rad=tuple(0.5 * size))},
+        "dry friction": {"friction": arm.Friction(tuple(size), rise, 0.3, of_load=load)},
+        "dry friction of one": {"friction": arm.Friction(tuple(size * one), rise, 0.3)},
+        "damping": {"friction": arm.Friction((0.0, 0.0, 0.0), viscous_Nm_s_per_rad=tuple(0.5 * size))},
         "rotors": {"rotor_kg_m2": tuple(random.uniform(0.05, 0.2, 3) * (0.6, 0.15, 0.02))},
-        "gear loss": {"friction": Friction(tuple(0.1 * size), of_load=random.uniform(0.05, 0.25))},
+        "gear loss": {"friction": arm.Friction(tuple(0.1 * size), of_load=random.uniform(0.05, 0.25))},
         "torque scale": {"torque_factor": 1.0 + random.choice([-1.0, 1.0]) * random.uniform(0.08, 0.2)},
         "late torque": {"torque_delay_s": 0.002 * int(random.integers(3, 9))},
     }
-    return Case(number, kind, replace(arm, **changes.get(kind, {})), nominal, int(random.integers(2**31)))
+    known_to = {"mass_relative": mass_relative, "centre_of_mass_m": 0.002, "zero_offset_rad": zero_rad}
+    return partial(write, arm, replace(actual, **changes.get(kind, {})), nominal, 8.0, int(random.integers(2**31)), known_to)
 
 
-def answer(folder, case):
-    """Grade, stated effects with their probabilities, and family, kept in a file."""
-    path = folder / f"case-{case.number:04d}.json"
+def draw_hopper(kind, random):
+    """A hopper whose masses, sole and zeros are off by their standard uncertainties."""
+    known_to = {
+        "mass_relative": 0.01,
+        "zero_offset_m": 0.0002,
+        "contact_stiffness_relative": 0.1,
+        "contact_damping_relative": 0.3,
+        "sensor_offset_N": 0.2,
+        "command_delay_s": 0.001,
+    }
+    nominal = hopper.Hopper()
+    trunk, foot, stiffness, damping = 1.0 + random.standard_normal(4) * (0.01, 0.01, 0.1, 0.3)
+    actual = replace(
+        nominal,
+        trunk_kg=trunk * nominal.trunk_kg,
+        foot_kg=foot * nominal.foot_kg,
+        stiffness_N_per_m1p5=stiffness * nominal.stiffness_N_per_m1p5,
+        damping_s_per_m=max(0.1, damping) * nominal.damping_s_per_m,
+        zero_m=tuple(0.0002 * random.standard_normal(2)),
+    )
+    share, sign = random.uniform(0.08, 0.2), random.choice([-1.0, 1.0])
+    changes = {
+        "dry friction of the leg": {"dry_N": (0.0, random.uniform(1.5, 4.5)), "rise": random.uniform(0.2, 0.4)},
+        "damping of the leg": {"viscous_N_s_per_m": (0.0, random.uniform(3.0, 9.0))},
+        "softer sole": {"stiffness_N_per_m1p5": actual.stiffness_N_per_m1p5 * random.uniform(0.15, 0.5)},
+        "sole that loses energy": {"damping_s_per_m": nominal.damping_s_per_m * random.uniform(3.0, 8.0)},
+        "payload": {"trunk_kg": actual.trunk_kg * (1.0 + share)},
+        "force scale": {"force_factor": 1.0 + sign * share},
+        "late force": {"force_delay_s": 0.002 * int(random.integers(3, 9))},
+        "late plate": {"plate_lag_s": random.uniform(0.006, 0.015)},
+        "plate scale": {"plate_factor": 1.0 + sign * share},
+    }
+    return partial(write, hopper, replace(actual, **changes.get(kind, {})), nominal, 5.2, int(random.integers(2**31)), known_to)
+
+
+def write(module, actual, nominal, seconds, seed, known_to, folder):
+    """Two recordings of the actual mechanism, described by the nominal one."""
+    module.write_campaign(folder, nominal, [module.record(actual, seconds, seed + k) for k in range(2)], known_to)
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """The kinds of cases of a mechanism with the ids that are right, and how a case is drawn."""
+
+    kinds: Mapping[str, tuple[str, ...]]
+    draw: object
+
+
+MECHANISMS = {"arm": Mechanism(ARM_KINDS, draw_arm), "hopper": Mechanism(HOPPER_KINDS, draw_hopper)}
+
+
+def draw(mechanism, seed, number):
+    """Case `number` of a seed, whatever the others are. Every third one conceals nothing."""
+    random = np.random.default_rng([seed, number])
+    kinds = list(mechanism.kinds)
+    kind = NOTHING if number % 3 == 0 else kinds[1 + (number - number // 3 - 1) % (len(kinds) - 1)]
+    return Case(kind, mechanism.draw(kind, random))
+
+
+def answer(name, seed, number, folder):
+    """Kind, grade, stated effects with their probabilities, family and seconds of a case, kept in a file."""
+    path, campaign = folder / f"{name}-{number:04d}.json", folder / f"{name}-{number:04d}"
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
-    campaign = folder / f"case-{case.number:04d}"
+    case = draw(MECHANISMS[name], seed, number)
     if not campaign.is_dir():
-        recordings = [record(case.arm, SECONDS, case.seed + k) for k in range(RUNS)]
-        known_to = {"mass_relative": MASS_RELATIVE, "centre_of_mass_m": 0.002, "zero_offset_rad": ZERO_RAD}
-        write_campaign(campaign, case.arm, case.nominal, recordings, known_to)
+        case.write(campaign)
+    begun_s = time.process_time()
     try:
         found = diagnose_mechanism(read_experiment(campaign), lambda *_: None).diagnosis
         said = {
@@ -95,16 +163,17 @@ def answer(folder, case):
             "effects": {effect.id: effect.probability for effect in found.effects},
             "family": found.family.id if found.family is not None else "",
             "closest": list(found.rivals[0].ids),
+            "cpu_s": time.process_time() - begun_s,
         }
     except RigError as error:
-        said = {"kind": case.kind, "grade": "refused", "effects": {}, "family": "", "closest": [str(error)]}
+        said = {"kind": case.kind, "grade": "refused", "effects": {}, "family": "", "closest": [str(error)], "cpu_s": 0.0}
     path.write_text(json.dumps(said), encoding="utf-8")
     return said
 
 
-def mark(said):
+def mark(said, kinds):
     """right, family, wrong, silent; a statement without its cause, beside a right one, is wrong too."""
-    right = set(KINDS[said["kind"]])
+    right = set(kinds[said["kind"]])
     families = {family.id for effect in right for family in families_of(effect)}
     if said["effects"]:
         if set(said["effects"]) <= right:
@@ -119,20 +188,22 @@ def main():
     """Draws, diagnoses and counts."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--mechanism", choices=tuple(MECHANISMS), default="arm")
     parser.add_argument("--cases", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
     with Pool(cores()) as pool:
-        found = pool.starmap(answer, [(asked.folder, draw(asked.seed, number)) for number in range(asked.cases)], chunksize=1)
-    counts = Counter((said["kind"], mark(said)) for said in found)
-    marks = ("right", "family", "wrong", "silent")
-    print(f"{'concealed':<22}" + "".join(f"{word:>8}" for word in marks))
-    for kind in KINDS:
-        print(f"{kind:<22}" + "".join(f"{counts[kind, word]:>8}" for word in marks))
+        found = pool.starmap(answer, [(asked.mechanism, asked.seed, k, asked.folder) for k in range(asked.cases)], chunksize=1)
+    kinds, words = MECHANISMS[asked.mechanism].kinds, ("right", "family", "wrong", "silent")
+    counts = Counter((said["kind"], mark(said, kinds)) for said in found)
+    print(f"{'concealed':<26}" + "".join(f"{word:>8}" for word in words))
+    for kind in kinds:
+        print(f"{kind:<26}" + "".join(f"{counts[kind, word]:>8}" for word in words))
     for number, said in enumerate(found):
-        if mark(said) in ("wrong", "silent"):
+        if mark(said, kinds) in ("wrong", "silent"):
             print(f"case {number}, {said['kind']}: {said['grade']}, {said['effects'] or said['family']}, closest {said['closest']}")
+    print(f"CPU seconds of a diagnosis: median {np.median([said.get('cpu_s', 0.0) for said in found]):.0f}")
 
 
 if __name__ == "__main__":

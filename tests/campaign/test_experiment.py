@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.campaign.experiment import read_experiment
+from rfca_rig.campaign.experiment import RecordedSignal, read_experiment
 from rfca_rig.campaign.opening import experiment_among
 from rfca_rig.errors import BadInput
 
@@ -49,6 +49,14 @@ def test_the_noise_of_a_signal_is_in_the_unit_of_its_column(folder):
     assert [signal.noise_std for signal in read_experiment(folder).signals] == [pytest.approx(0.0005), None, None]
 
 
+def test_a_sensor_is_a_signal_in_its_own_unit(folder):
+    sensor = '  { sensor = "plate_z", column = "rate", unit = "mN m", sign = -1, noise_std = 2.0 },\n]\ncommands'
+    (folder / "experiment.toml").write_text(HEAD.replace("]\ncommands", sensor), encoding="utf-8")
+    read = read_experiment(folder)
+    assert read.signals[3] == RecordedSignal("sensor", "plate_z", "N m", 0.002)
+    assert read.runs[0].signals[3, 3] == pytest.approx(-0.27)
+
+
 def test_the_part_that_counts_is_cut_out(folder):
     (folder / "experiment.toml").write_text(HEAD.replace("from_s = 0.005", "from_s = 0.012"), encoding="utf-8")
     assert read_experiment(folder).runs[1].t_s[0] == pytest.approx(0.012)
@@ -62,6 +70,13 @@ def test_the_part_that_counts_is_cut_out(folder):
             'unit = "mm"',
             'unit = "inch"',
             "experiment.toml:5: signals[1]: unit 'inch' of a position should be one of rad, deg, turn, m, mm, count",
+        ),
+        ('joint = "pole", quantity = "speed"', 'sensor = "pole", quantity = "speed"', "a signal has a joint with a quantity"),
+        ('quantity = "speed", column = "rate", unit = "deg/s"', 'column = "rate", unit = "deg/s"', "a signal has a joint with a quantity"),
+        (
+            'joint = "pole", quantity = "speed", column = "rate", unit = "deg/s"',
+            'sensor = "gyro", column = "rate", unit = "count"',
+            "unit 'count' of a sensor should be one of",
         ),
         (", counts_per_turn = 4000", "", "counts_per_turn belongs to the unit 'count'"),
         ('joint = "cart"', 'joint = "pole"', "experiment.toml:5: signals[2]: pole, position is already signals[1]"),

@@ -118,7 +118,12 @@ def test_the_step_is_as_long_as_the_motion_allows(short, tmp_path):
     [
         ('joint = "joint3"', 'joint = "joint4"', "joint 'joint4' is not in the model; it has joint1, joint2, joint3"),
         ('actuator = "motor3"', 'actuator = "motor4"', "actuator 'motor4' is not in the model"),
-        ('column = "q1", unit = "deg"', 'column = "q1", unit = "mm"', "does not suit a hinge"),
+        (
+            '{ joint = "joint3", quantity = "speed", column = "w3", unit = "rad/s" }',
+            '{ sensor = "plate", column = "w3", unit = "N" }',
+            "sensor 'plate' is not in the model; it has none",
+        ),
+        ('column = "q1", unit = "deg"', 'column = "q1", unit = "mm"', "the model has it in rad, not in m"),
         (
             '{ joint = "joint3", quantity = "position", column = "q3", unit = "deg" }, ',
             "",

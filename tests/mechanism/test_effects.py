@@ -7,9 +7,10 @@ from rfca_rig.mechanism.amend import write_amended_model
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.nuisances import NUISANCES, places_of
-from rfca_rig.mechanism.plant import make_plant, update_constants
+from rfca_rig.mechanism.plant import make_plant, scale_contact_damping, scale_contact_stiffness, update_constants
 from rfca_rig.mechanism.rollout import CommandTrace, roll
 from rfca_rig.mechanism.usual_motion import UsualMotion
+from tests.mechanism import hopper
 from tests.mechanism.arm import Arm, mjcf
 
 START_RAD, START_RAD_S = np.array([0.9, -0.4, 0.7]), np.array([0.5, -1.0, 2.0])
@@ -121,12 +122,99 @@ def test_a_slide_has_its_own_units(tmp_path):
     assert places_of(cart, "actuators") == {"push": 0}
 
 
-@pytest.mark.parametrize("key", [key for key, kind in NUISANCES.items() if "slide" not in kind.objects])
+OF_HOPPER = ("slide", "contacts", "sensors")
+
+
+@pytest.mark.parametrize("key", [key for key, kind in NUISANCES.items() if not any(word in kind.objects for word in OF_HOPPER)])
 def test_every_nuisance_parameter_changes_the_motion(mechanism, plain, key):
     plant = make_plant(mechanism, 1e-3)
     place = next(iter(places_of(mechanism, NUISANCES[key].objects).values()))
     NUISANCES[key].shift(plant, place, 0.02)
     assert np.abs(moved(plant) - plain).max() > 1e-4
+
+
+@pytest.fixture(scope="module")
+def on_floor(tmp_path_factory):
+    path = tmp_path_factory.mktemp("hopper") / "model.xml"
+    path.write_text(hopper.mjcf(hopper.Hopper()), encoding="utf-8")
+    return load_mechanism(path)
+
+
+def hopped(plant):
+    """What a fall onto the floor and a push read: height, leg, force on the sole."""
+    update_constants(plant)
+    trace = CommandTrace(np.array([-0.1, 0.0, 0.3]), np.array([[14.0], [14.0], [40.0]]))
+    motion = roll(plant, trace, np.array([0.275, 0.25]), np.array([-0.3, 0.0]), np.linspace(0.002, 0.25, 125))
+    return np.concatenate([motion.position, motion.sensors], axis=1)
+
+
+@pytest.fixture(scope="module")
+def plainly_hopped(on_floor):
+    return hopped(make_plant(on_floor, 1e-3, reads_sensors=True))
+
+
+@pytest.mark.parametrize("key", [key for key, kind in NUISANCES.items() if any(word in kind.objects for word in OF_HOPPER)])
+def test_nuisance_parameters_of_slides_contacts_and_sensors_act_where_they_are(on_floor, plainly_hopped, key):
+    places = places_of(on_floor, NUISANCES[key].objects)
+    if key in ("sensor_offset_Nm", "contact_friction_relative"):
+        assert places == ({} if key == "sensor_offset_Nm" else {"": 0})  # no torque sensor; nothing slides on the floor
+        return
+    plant = make_plant(on_floor, 1e-3, reads_sensors=True)
+    NUISANCES[key].shift(plant, list(places.values())[-1], 0.05)
+    changed = np.abs(hopped(plant) - plainly_hopped).max(axis=0)
+    assert changed[2] > 1e-2
+    assert (changed[1] > 1e-5) == (key != "sensor_offset_N")
+
+
+USUAL_HOP = UsualMotion(*(np.ones(2) for _ in range(4)), np.ones(1), False, ("plate_force",))
+
+
+@pytest.mark.parametrize("effect_id", ["sensor_gain", "sensor_lag", "clock_offset", "contact_stiffness", "contact_damping"])
+def test_effects_of_sensors_change_readings_alone_and_those_of_contacts_the_motion(on_floor, plainly_hopped, effect_id):
+    effect = {one.id: one for one in list_effects(on_floor, USUAL_HOP)}[effect_id]
+    plant = effect.apply(make_plant(on_floor, 1e-3, reads_sensors=True), {p.name: 0.9 * p.high for p in effect.parameters})
+    changed = np.abs(hopped(plant) - plainly_hopped).max(axis=0)
+    assert changed[2] > 1.0
+    assert (changed[1] > 1e-3) == effect_id.startswith("contact")
+
+
+def test_effects_of_sensors_and_contacts_need_them(mechanism, on_floor):
+    of_arm = set(effects_of(mechanism))
+    assert not of_arm & {"sensor_gain", "sensor_lag", "clock_offset", "contact_stiffness", "contact_damping", "contact_friction"}
+    unread = UsualMotion(*(np.ones(2) for _ in range(4)), np.ones(1), False)
+    found = {effect.id for effect in list_effects(on_floor, unread)}
+    assert "contact_stiffness" in found
+    assert not found & {"sensor_gain", "sensor_lag", "clock_offset"}
+
+
+def test_the_amended_contacts_are_as_stiff_and_lose_as_much(on_floor, plainly_hopped, tmp_path):
+    plant = make_plant(on_floor, 1e-3, reads_sensors=True)
+    for name, factor in (("contact_stiffness", 0.3), ("contact_damping", 4.0), ("contact_friction", 0.5)):
+        plant = {one.id: one for one in list_effects(on_floor, USUAL_HOP)}[name].apply(plant, {"factor": factor})
+    expected = hopped(plant)
+    plant.sensor_gain[0] = 1.1
+    assert write_amended_model(plant, tmp_path / "model.xml") == ("scales and offsets of the sensors",)
+    amended = make_plant(load_mechanism(tmp_path / "model.xml"), 1e-3, reads_sensors=True)
+    assert np.abs(expected - plainly_hopped)[:, 2].max() > 1.0
+    assert np.allclose(hopped(amended), expected, rtol=1e-4, atol=1e-4)
+    assert np.allclose(amended.model.geom_friction[:, 0], 0.5)
+
+
+@pytest.mark.parametrize("solref", [(0.02, 0.7), (-3000.0, -40.0)])
+def test_stiffness_and_damping_of_a_contact_are_scaled_apart(on_floor, solref):
+    """Stiffness and damping as MuJoCo derives them from both kinds of numbers, for an impedance of 1."""
+    plant = make_plant(on_floor, 1e-3)
+    plant.model.geom_solref[:] = solref
+
+    def both():
+        first, second = plant.model.geom_solref[0]
+        return (-first, -second) if first < 0.0 else (1.0 / (first * second) ** 2, 2.0 / first)
+
+    stiffness, damping = both()
+    scale_contact_stiffness(plant, 3.0)
+    assert both() == pytest.approx((3.0 * stiffness, damping))
+    scale_contact_damping(plant, 5.0)
+    assert both() == pytest.approx((3.0 * stiffness, 5.0 * damping))
 
 
 def test_what_is_never_negative_ends_at_zero(mechanism, plain):

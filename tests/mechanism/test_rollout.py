@@ -10,6 +10,7 @@ from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import make_plant
 from rfca_rig.mechanism.rollout import CommandTrace, roll
+from tests.mechanism import hopper
 from tests.mechanism.arm import Arm, Friction, _rate, mjcf
 
 ARM = Arm()
@@ -153,3 +154,41 @@ def test_every_joint_needs_a_name(tmp_path):
 def test_a_model_that_is_not_there_is_said_so(tmp_path):
     with pytest.raises(BadInput, match="is not there"):
         load_mechanism(tmp_path / "none.xml")
+
+
+def fallen(tmp_path, **changes):
+    """What the sole of a hopper reads that is let go 0.02 m above its rest, with a change of its readings."""
+    plant = make_plant(loaded(tmp_path, hopper.mjcf(hopper.Hopper())), 5e-4, reads_sensors=True)
+    for name, value in changes.items():
+        setattr(plant, name, value)
+    trace = CommandTrace(np.array([-0.1, 0.4]), np.full((2, 1), 15.0))
+    return roll(plant, trace, np.array([0.29, 0.25]), np.zeros(2), np.arange(1, 601) * 5e-4)
+
+
+def test_a_sensor_reads_the_force_that_moves_the_mechanism(tmp_path):
+    """Newton's law of the whole hopper: the mean force on the sole is its weight and the gain of its momentum."""
+    motion, model = fallen(tmp_path), hopper.Hopper()
+    trunk, foot = motion.speed[:, 0], motion.speed[:, 0] - motion.speed[:, 1]
+    momentum = model.trunk_kg * trunk + model.foot_kg * foot
+    expected = (momentum[-1] - momentum[0]) / (599 * 5e-4) + hopper.GRAVITY_M_S2 * (model.trunk_kg + model.foot_kg)
+    assert motion.sensors[0, 0] == 0.0
+    assert motion.sensors[:, 0].max() > 20.0
+    assert np.mean(motion.sensors[:, 0]) == pytest.approx(expected, rel=0.02)
+
+
+def test_readings_of_a_sensor_are_late_scaled_and_off_as_stated(tmp_path):
+    plain = fallen(tmp_path).sensors[:, 0]
+    late = fallen(tmp_path, sensor_delay_s=0.01).sensors[:, 0]
+    assert late[20:] == pytest.approx(plain[:-20])
+    off = fallen(tmp_path, sensor_gain=np.array([1.2]), sensor_offset=np.array([3.0])).sensors[:, 0]
+    assert off == pytest.approx(1.2 * plain + 3.0)
+    slow = fallen(tmp_path, sensor_lag_s=0.01).sensors[:, 0]
+    rate = np.gradient(slow, 5e-4)
+    assert np.abs(0.01 * rate + slow - plain)[20:].mean() < 0.03 * plain.max()
+
+
+def test_sensors_are_computed_only_where_they_are_read(tmp_path):
+    plant = make_plant(loaded(tmp_path, hopper.mjcf(hopper.Hopper())), 1e-3)
+    assert not plant.reads_sensors
+    motion = roll(plant, CommandTrace(np.array([-0.1, 0.4]), np.full((2, 1), 15.0)), np.array([0.29, 0.25]), np.zeros(2), T_S[:10])
+    assert motion.sensors.shape == (10, 0)

@@ -208,9 +208,7 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
         values = support_values(comparison.support(tuple(sorted(family.members)))) | {"bound": 0.0}
         within = [one.probability for one in found if family.members.issuperset((one.id, *one.cannot_tell_from))]
         without = max(one.law_error_without for one in found if one.id in family.members)
-        found.append(
-            Supported("family", family.id, max((calibration_of("family").probability(values), *within)), values, (), without)
-        )
+        found.append(Supported("family", family.id, max((calibration_of("family").probability(values), *within)), values, (), without))
     return tuple(found)
 
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from rfca_rig.analysis.fitting.space import Parameter, Space, never_below
 from rfca_rig.mechanism.load import Mechanism
-from rfca_rig.mechanism.nuisances import NUISANCES, OF_COMMANDS, places_of
+from rfca_rig.mechanism.nuisances import NUISANCES, OF_COMMANDS, SENSORS, places_of
 from rfca_rig.mechanism.plant import Plant
+from rfca_rig.mechanism.usual_motion import UsualMotion
 from rfca_rig.model.parameters import PresentEffect
 
 
@@ -29,14 +30,16 @@ class MechanismInput:
         return replace(self, effects=(*self.effects, *effects))
 
 
-def space_of_mechanism(mechanism: Mechanism, known_to: Mapping[str, float], is_driven: bool) -> Space[MechanismInput]:
-    """The space of the nuisance parameters around the nominal mechanism."""
+def space_of_mechanism(mechanism: Mechanism, known_to: Mapping[str, float], usual: UsualMotion) -> Space[MechanismInput]:
+    """The space of the nuisance parameters around the nominal mechanism, of those that recordings such as `usual` can show."""
     parameters, stds = [], []
     for key, std in known_to.items():
-        if key in NUISANCES and (is_driven or key not in OF_COMMANDS):
-            for name, place in places_of(mechanism, NUISANCES[key].objects).items():
-                parameters.append(_parameter(mechanism, key, name, place, std))
-                stds.append(std)
+        if key in NUISANCES and (usual.is_driven or key not in OF_COMMANDS):
+            objects = NUISANCES[key].objects
+            for name, place in places_of(mechanism, objects).items():
+                if objects not in SENSORS or name in usual.sensors:
+                    parameters.append(_parameter(mechanism, key, name, place, std))
+                    stds.append(std)
     return Space(tuple(parameters), MechanismInput(), np.array(stds), np.ones(len(stds), dtype=bool))
 
 

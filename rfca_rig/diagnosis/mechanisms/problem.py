@@ -72,7 +72,8 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
         speed=np.array([window.speed for window in windows]),
         commands=[window.trace.command for window in windows],
         seconds=float(windows[0].t_s[-1]),
-        has_speeds=bool((columns >= len(mechanism.joints)).any()),
+        has_speeds=any(signal.quantity == "speed" for signal in experiment.signals),
+        sensors=tuple(signal.name for signal in experiment.signals if signal.quantity == "sensor"),
     )
     torque = usual.torque * experiment.known_to.get("torque_error_relative", USUAL_ERROR) / USUAL_ERROR
     simulator = MechanismSimulator(mechanism, STEP_OF_ERRORS_S, columns, {})
@@ -121,21 +122,25 @@ def choose_step(simulator: MechanismSimulator, windows: Sequence[CorrectedWindow
 
 def _signals(experiment: Experiment, mechanism: Mechanism) -> tuple[tuple[str, ...], NDArray[np.intp]]:
     """Names and columns. Raises BadInput."""
+    where, joints = str(experiment.path), len(mechanism.joints)
     names, columns = [], []
     for signal in experiment.signals:
-        joint = mechanism.joint(signal.joint, str(experiment.path))
-        slides = bool(mechanism.is_slide[joint])
-        if signal.is_distance != slides:
-            expected = "a slide: give m or mm" if slides else "a hinge: give rad, deg, turn or count"
-            raise BadInput(f"{experiment.path}: the unit of a signal of joint {signal.joint!r} does not suit {expected}")
-        unit = ("m" if slides else "rad") + ("_s" if signal.is_speed else "")
-        names.append(f"{signal.joint}_{'speed' if signal.is_speed else 'position'}_{unit}")
-        columns.append(joint + len(mechanism.joints) * signal.is_speed)
+        if signal.quantity == "sensor":
+            place, unit = mechanism.sensor_value(signal.name, where)
+            expected = unit
+            column = 2 * joints + place
+        else:
+            place = mechanism.joint(signal.name, where)
+            expected = ("m" if mechanism.is_slide[place] else "rad") + ("/s" if signal.quantity == "speed" else "")
+            column = place + joints * (signal.quantity == "speed")
+        if signal.unit != expected:
+            words = f"the unit of the {signal.quantity} {signal.name!r}"
+            raise BadInput(f"{where}: {words} does not suit: the model has it in {expected}, not in {signal.unit}")
+        names.append(f"{signal.name}_{signal.quantity}_{expected.replace(' ', '').replace('/', '_')}")
+        columns.append(column)
     missing = [name for place, name in enumerate(mechanism.joints) if place not in columns]
     if missing:
-        raise BadInput(
-            f"{experiment.path}: no signal holds the position of joint {missing[0]!r}; every joint of the model must be measured"
-        )
+        raise BadInput(f"{where}: no signal holds the position of joint {missing[0]!r}; every joint of the model must be measured")
     return tuple(names), np.array(columns)
 
 

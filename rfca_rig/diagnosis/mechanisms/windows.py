@@ -134,7 +134,7 @@ class MechanismSimulator(Simulator):
     step_s
         The integrator's step.
     columns
-        (s,) the column of each signal in positions and speeds side by side, (2 n).
+        (s,) the column of each signal in positions, speeds and sensors side by side, (2 n + d).
     effects
         By id.
     """
@@ -146,7 +146,7 @@ class MechanismSimulator(Simulator):
 
     def plant(self, at: MechanismInput) -> Plant:
         """The plant with these nuisance parameters and effects."""
-        plant = make_plant(self.mechanism, self.step_s)
+        plant = make_plant(self.mechanism, self.step_s, bool((self.columns >= 2 * len(self.mechanism.joints)).any()))
         shift_plant(plant, at)
         for present in at.effects:
             plant = self.effects[present.id].apply(plant, dict(present.values))
@@ -156,7 +156,7 @@ class MechanismSimulator(Simulator):
     def follow(self, plant: Plant, window: Window) -> Floats:
         """What the plant does from the measured start, (s, b). Raises SimulationFailed."""
         motion = roll(plant, window.trace, window.position, window.speed, window.t_s)
-        read = np.concatenate([motion.position, motion.speed], axis=1)[:, self.columns]
+        read = np.concatenate([motion.position, motion.speed, motion.sensors], axis=1)[:, self.columns]
         return bin_means(read, window.bins).T
 
     def simulate(self, at: MechanismInput, condition: Motions) -> Floats:
