@@ -93,12 +93,12 @@ def draw_hopper(kind, random):
         "mass_relative": 0.01,
         "zero_offset_m": 0.0002,
         "contact_stiffness_relative": 0.1,
-        "contact_damping_relative": 0.3,
+        "contact_damping_relative": 0.5,
         "sensor_offset_N": 0.2,
         "command_delay_s": 0.001,
     }
     nominal = hopper.Hopper()
-    trunk, foot, stiffness, damping = 1.0 + random.standard_normal(4) * (0.01, 0.01, 0.1, 0.3)
+    trunk, foot, stiffness, damping = 1.0 + random.standard_normal(4) * (0.01, 0.01, 0.1, 0.5)
     actual = replace(
         nominal,
         trunk_kg=trunk * nominal.trunk_kg,

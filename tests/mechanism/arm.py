@@ -1,4 +1,4 @@
-"""A planar arm with geared joints, simulated by SciPy from its own equations: MuJoCo and the package's laws have no part in it.
+"""A planar arm with geared joints, simulated from its own equations: MuJoCo and the package's laws have no part in it.
 
 The joints turn in a vertical plane, driven towards a reference by a controller whose torques are recorded. Friction is LuGre's: a bristle
 with a Stribeck curve that falls as a Gaussian, and a share of the load.
@@ -6,8 +6,8 @@ with a Stribeck curve that falls as a Gaussian, and a share of the load.
 
 from dataclasses import dataclass, field
 
+import numba
 import numpy as np
-from scipy.integrate import solve_ivp
 
 GRAVITY_M_S2 = 9.81
 SAMPLE_S = 0.002
@@ -93,10 +93,25 @@ def record(arm, seconds, seed, pose_rad=0.8, size_rad=0.5):
 
 
 def _advance(arm, state, torque):
-    found = solve_ivp(
-        lambda _, x: _rate(arm, x, torque), (0.0, SAMPLE_S), state, method="RK23", rtol=1e-6, atol=1e-8, max_step=SAMPLE_S / 4
-    )
-    return found.y[:, -1]
+    """The state a sample later, by Runge-Kutta steps of 0.1 ms; bristles at 5 rad/s need less than 1 ms."""
+    return _runge_kutta(state, torque, *_numbers(arm), 1e-4, round(SAMPLE_S / 1e-4))
+
+
+def _numbers(arm):
+    law, n = arm.friction, arm.joints
+    of_joints = (arm.length_m, arm.mass_kg, arm.rotor_kg_m2[:n], law.coulomb_Nm[:n], law.viscous_Nm_s_per_rad[:n])
+    return (*(np.array(values) for values in of_joints), np.array([law.rise, law.falls_rad_s, law.of_load]))
+
+
+@numba.njit
+def _runge_kutta(x, torque, length, mass, rotor, dry, viscous, shape, h, steps):
+    for _ in range(steps):
+        first = _rates(x, torque, length, mass, rotor, dry, viscous, shape)
+        second = _rates(x + 0.5 * h * first, torque, length, mass, rotor, dry, viscous, shape)
+        third = _rates(x + 0.5 * h * second, torque, length, mass, rotor, dry, viscous, shape)
+        fourth = _rates(x + h * third, torque, length, mass, rotor, dry, viscous, shape)
+        x = x + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+    return x
 
 
 def _weight(arm, absolute):
@@ -108,34 +123,42 @@ def _weight(arm, absolute):
 
 
 def _rate(arm, state, torque):
-    n = arm.joints
+    return _rates(state, torque, *_numbers(arm))
+
+
+@numba.njit
+def _rates(state, torque, length, mass, rotor, dry, viscous, shape):
+    n = length.size
     q, w, bristle = state[:n], state[n : 2 * n], state[2 * n :]
-    friction, bend = _friction(arm, w, bristle, torque)
+    friction, bend = _friction(w, bristle, torque, dry, viscous, shape)
     absolute, turning = np.cumsum(q), np.cumsum(w)
-    length, mass = np.array(arm.length_m), np.array(arm.mass_kg)
     beyond = np.append(np.cumsum(mass[::-1])[::-1][1:], 0.0)
     # kinetic energy in absolute angles: 1/2 sum c_ij cos(theta_i - theta_j) theta_i' theta_j'
     heavy = mass * length / 2.0 + beyond * length
-    moment = np.where(np.arange(n)[:, None] < np.arange(n)[None, :], length[:, None] * heavy[None, :], 0.0)
-    moment = moment + moment.T + np.diag(mass * length**2 / 3.0 + beyond * length**2)
-    difference = absolute[:, None] - absolute[None, :]
-    inertia, whirl = moment * np.cos(difference), (moment * np.sin(difference)) @ turning**2
+    inertia, whirl = np.zeros((n, n)), np.zeros(n)
+    for i in range(n):
+        for j in range(n):
+            moment = length[min(i, j)] * heavy[max(i, j)] if i != j else mass[i] * length[i] ** 2 / 3.0 + beyond[i] * length[i] ** 2
+            inertia[i, j] = moment * np.cos(absolute[i] - absolute[j])
+            whirl[i] += moment * np.sin(absolute[i] - absolute[j]) * turning[j] ** 2
     weight = GRAVITY_M_S2 * heavy * np.sin(absolute)
     ones = np.tril(np.ones((n, n)))  # absolute angles are sums of joint angles
-    in_joints = ones.T @ inertia @ ones + np.diag(arm.rotor_kg_m2)
+    in_joints = ones.T @ inertia @ ones + np.diag(rotor)
     acceleration = np.linalg.solve(in_joints, torque - friction - ones.T @ (whirl + weight))
-    return np.concatenate([w, acceleration, bend])
+    return np.concatenate((w, acceleration, bend))
 
 
-def _friction(arm, w, bristle, torque):
-    law = arm.friction
-    full = np.array(law.coulomb_Nm) * (1.0 + law.rise * np.exp(-((w / law.falls_rad_s) ** 2))) + law.of_load * np.abs(torque)
-    viscous = np.array(law.viscous_Nm_s_per_rad[: arm.joints]) * w
-    there = full > 0.0
-    stiffness = np.where(there, full, 0.0) / BRISTLE_RAD
-    bend = np.where(there, w - np.abs(w) * bristle / BRISTLE_RAD, 0.0)
-    damping = 0.05 * np.sqrt(stiffness) * 0.1
-    return stiffness * bristle + damping * bend + viscous, bend
+@numba.njit
+def _friction(w, bristle, torque, dry, viscous, shape):
+    rise, falls, of_load = shape
+    friction, bend = viscous * w, np.zeros(w.size)
+    for i in range(w.size):
+        full = dry[i] * (1.0 + rise * np.exp(-((w[i] / falls) ** 2))) + of_load * abs(torque[i])
+        if full > 0.0:
+            stiffness = full / BRISTLE_RAD
+            bend[i] = w[i] - abs(w[i]) * bristle[i] / BRISTLE_RAD
+            friction[i] += stiffness * bristle[i] + 0.005 * np.sqrt(stiffness) * bend[i]
+    return friction, bend
 
 
 def write_campaign(folder, arm, nominal, recordings, known_to):

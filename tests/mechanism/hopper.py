@@ -14,8 +14,8 @@ SAMPLE_S = 0.002
 STEP_S = 1e-5
 SOLE_M = 0.02
 STIFFNESS_N_PER_M1P5, DAMPING_S_PER_M = 2e5, 0.4
-# MuJoCo's contact that follows such a sole under a foot of 0.3 kg to 0.3 mm rms of the leg's length: solref, solimp
-CONTACT = ("-105200 -24.6", "0.02 0.1 0.0174 0.5 1")
+# MuJoCo's contact that follows such a sole under a foot of 0.3 kg to 0.1 mm rms of the leg's length: solref, solimp
+CONTACT = ("-134900 -54", "0.02 0.1 0.0245 0.5 1")
 REST_M = 0.25
 
 
