@@ -30,6 +30,9 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
     for place, joint in enumerate(spec.joints):
         joint.frictionloss, joint.armature = plant.friction[place], model.dof_armature[place]
         joint.damping = [model.dof_damping[place], *model.dof_dampingpoly[place]]
+        if model.jnt_limited[place] and not plant.mechanism.model.jnt_limited[place]:
+            in_degrees = spec.compiler.degree and not plant.mechanism.is_slide[place]
+            joint.limited, joint.range = 1, np.degrees(model.jnt_range[place]) if in_degrees else model.jnt_range[place]
         joint.stiffness = [model.jnt_stiffness[place], *model.jnt_stiffnesspoly[place]]
     for place, body in enumerate(spec.bodies):
         if place > 0 and model.body_mass[place] > 0.0:
@@ -49,14 +52,18 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
 
 
 def _beyond_mjcf(plant: Plant) -> list[tuple[str, bool]]:
+    late = (plant.command_delay_s, plant.command_lag_s, plant.command_clock_rate)
+    scaled = (plant.sensor_gain - 1.0, plant.sensor_offset, plant.sensor_drift_per_s)
     return [
         ("friction that falls with speed", bool(plant.stribeck[0].any())),
         ("friction that grows with load", bool(plant.load_loss.any())),
+        ("hysteresis of the joints", bool(plant.hysteresis[0].any())),
         ("steady torques in the joints", bool(plant.torque_offset.any())),
         ("zero offsets of the readings", bool(plant.zero_offset.any())),
         ("saturation of the commands", bool(np.isfinite(plant.command_limit).any())),
-        ("delay or lag of the commands", plant.command_delay_s != 0.0 or plant.command_lag_s > 0.0),
+        ("dead band of the commands", bool(plant.command_dead_band.any())),
+        ("delay, lag or clock of the commands", any(late)),
         ("lag of the speed readings", plant.speed_lag_s > 0.0),
-        ("scales and offsets of the sensors", bool((plant.sensor_gain != 1.0).any() or plant.sensor_offset.any())),
+        ("scales and zeros of the sensors", any(values.any() for values in scaled)),
         ("delay or lag of the sensors", plant.sensor_delay_s != 0.0 or plant.sensor_lag_s > 0.0),
     ]

@@ -29,6 +29,8 @@ JOINTS = "joints"
 # Shares of what is usual on the rig. Below the first an effect is lost in the usual model error of 1 %; with more than the second the joint
 # would hardly move. With a tenth and ten times these bounds the log evidence of friction of a pendulum changes by less than 1.
 SMALLEST, LARGEST = 0.002, 0.8
+DRIFTS_BY = 0.3  # of a sensor's rms, per second: by more, and nobody would miss it
+FAR = 1e6  # rad or m: the end of a range that has none
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
     found: list[Effect] = []
     for law in _laws(mechanism, usual):
         found += _in_all_and_in_one(law)
-    found += _stribeck(mechanism, usual)
+    found += [*_stribeck(mechanism, usual), *_hysteresis(mechanism, usual), *_stop(mechanism, usual)]
     return [*found, *_of_commands(usual), *_of_sensors(mechanism, usual), *_of_contacts(mechanism), *_of_rig(mechanism)]
 
 
@@ -142,23 +144,61 @@ def _in_all_and_in_one(law: _Law) -> Iterator[Effect]:
         yield Effect(f"{law.id}_of_one", JOINTS, words, law.law, law.source, (counted, sized), in_one, variant_of=law.variant_of or law.id)
 
 
-def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
-    """Friction that falls with speed, in all joints: a torque each, and one shape, with the speed as a share of the usual one."""
+def _torques(mechanism: Mechanism, usual: UsualMotion) -> list[Parameter]:
+    """A torque of each joint."""
     joints, units = mechanism.joints, _units(mechanism, "Nm", "N")
     names = [_name(joint if len(joints) > 1 else "", "torque", unit) for joint, unit in zip(joints, units, strict=True)]
+    low, high = SMALLEST * usual.torque, LARGEST * usual.torque
+    return [Parameter(name, float(a), float(b), may_be_zero=False) for name, a, b in zip(names, low, high, strict=True)]
+
+
+def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
+    """Friction that falls with speed, in all joints: a torque each, and one shape, with the speed as a share of the usual one."""
+    torques = _torques(mechanism, usual)
 
     def apply(plant: Plant, values: Values) -> Plant:
-        plant.stribeck[0] += [values[name] for name in names]
+        plant.stribeck[0] += [values[torque.name] for torque in torques]
         plant.stribeck[1] = values["rise_relative"]
         plant.stribeck[2] = values["speed_relative"] * usual.speed
         return plant
 
-    low, high = SMALLEST * usual.torque, LARGEST * usual.torque
-    torques = [Parameter(name, float(a), float(b), may_be_zero=False) for name, a, b in zip(names, low, high, strict=True)]
     shape = (Parameter("rise_relative", 0.25, 2.5), Parameter("speed_relative", 0.03, 1.0, may_be_zero=False))
     yield Effect("joint_stribeck", JOINTS, "dry friction of the joints that falls with speed",
                  "T = T_c (1 + rise exp(-|w| / w_s)) sgn(w), w_s a share of the usual speed", "Stribeck 1902, exponential form",
                  (*torques, *shape), apply)  # fmt: skip
+
+
+def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
+    """Friction that builds up over an angle, in all joints: a torque each, and one angle, as a share of the usual travel."""
+    torques = _torques(mechanism, usual)
+
+    def apply(plant: Plant, values: Values) -> Plant:
+        plant.hysteresis[0] += [values[torque.name] for torque in torques]
+        plant.hysteresis[1] = values["bend_relative"] * usual.travel
+        return plant
+
+    bend = Parameter("bend_relative", 0.03, 1.0, may_be_zero=False)
+    yield Effect("joint_hysteresis", JOINTS, "hysteresis of the joints: friction that builds up over an angle",
+                 "T = T_h z, z' = (w / b) (1 - z sgn(w)), b a share of the usual travel", "Dahl 1968", (*torques, bend), apply)  # fmt: skip
+
+
+def _stop(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
+    """A stop within the range that one joint travels; MuJoCo's limit, with its default stiffness."""
+    middle, half = 0.5 * (usual.highest + usual.lowest), 0.5 * (usual.highest - usual.lowest)
+
+    def apply(plant: Plant, values: Values) -> Plant:
+        joint, share = int(values["joint"]) - 1, values["position_relative"]
+        at = middle[joint] + share * half[joint]
+        plant.model.jnt_limited[joint] = 1
+        plant.model.jnt_range[joint] = (-FAR, at) if share > 0.0 else (at, FAR)
+        return plant
+
+    if not mechanism.model.jnt_limited.any():
+        counted = Parameter("joint", 1.0, float(len(mechanism.joints)), may_be_zero=False, whole=True)
+        share = Parameter("position_relative", -0.98, 0.98)
+        yield Effect("joint_stop", JOINTS, "a stop within the travel of a joint",
+                     "MuJoCo's limit at a share of half the travel from its middle, above it where the share is positive",
+                     "MuJoCo, XML reference", (counted, share), apply)  # fmt: skip
 
 
 def _of_commands(usual: UsualMotion) -> Iterator[Effect]:
@@ -174,6 +214,14 @@ def _of_commands(usual: UsualMotion) -> Iterator[Effect]:
         plant.command_limit = np.where(usual.command > 0.0, values["limit_relative"] * usual.command, np.inf)
         return plant
 
+    def ignore_small(plant: Plant, values: Values) -> Plant:
+        plant.command_dead_band = values["band_relative"] * usual.command
+        return plant
+
+    def drift(plant: Plant, values: Values) -> Plant:
+        plant.command_clock_rate += values["rate_relative"]
+        return plant
+
     def read_late(plant: Plant, values: Values) -> Plant:
         plant.speed_lag_s = values["time_constant_s"]
         return plant
@@ -187,6 +235,11 @@ def _of_commands(usual: UsualMotion) -> Iterator[Effect]:
                      "first-order current loop", (late,), follow)  # fmt: skip
         yield Effect("torque_saturation", "commands", "the actuators saturate", "|u| <= limit, a share of the largest recorded command",
                      "limit of current or voltage", (Parameter("limit_relative", 0.2, 0.95, may_be_zero=False),), limit)  # fmt: skip
+        yield Effect("torque_dead_band", "commands", "the actuators ignore small commands",
+                     "u = sgn(u_r) max(|u_r| - band, 0), the band a share of the largest recorded command u_r", "dead band of a drive",
+                     (Parameter("band_relative", 0.005, 0.3, may_be_zero=False),), ignore_small)  # fmt: skip
+        yield Effect("clock_rate", "commands", "the clocks of commands and readings run at different rates",
+                     "u(t) = u_recorded(t - rate t)", "two clocks", (Parameter("rate_relative", -0.004, 0.004),), drift)  # fmt: skip
     if usual.has_speeds:
         yield Effect("speed_lag", "readings", "speeds are read later than the positions", "T y' = x - y for speeds alone",
                      "first-order low-pass", (late,), read_late)  # fmt: skip
@@ -205,16 +258,34 @@ def _of_sensors(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 
     if not usual.sensors:
         return
-    places = tuple(mechanism.sensor_values[name][0] for name in usual.sensors)
+    names = tuple(usual.sensors)
+    places = tuple(mechanism.sensor_values[name][0] for name in names)
     one = np.ones(len(places))
     yield from _in_all_and_in_one(
-        _Law("sensor_gain", "scale of the sensors wrong", "y = factor x", "calibration", "factor", ("",) * len(places), usual.sensors,
+        _Law("sensor_gain", "scale of the sensors wrong", "y = factor x", "calibration", "factor", ("",) * len(places), names,
              places, 0.5 * one, 2.0 * one, _scale_sensor, "sensor")
     )  # fmt: skip
+    yield _sensor_drift(mechanism, usual)
     yield Effect("sensor_lag", "readings", "the sensors are read later than the joints: a filter", "T y' = x - y", "first-order low-pass",
                  (Parameter("time_constant_s", 0.002, 0.05, may_be_zero=False, below=0.1),), lag)  # fmt: skip
     yield Effect("clock_offset", "readings", "the clocks of sensors and joints differ", "y(t) = x(t - offset)", "two clocks",
                  (Parameter("offset_s", -0.04, 0.04, below=0.1),), delay)  # fmt: skip
+
+
+def _sensor_drift(mechanism: Mechanism, usual: UsualMotion) -> Effect:
+    rates = {}
+    for name, rms in usual.sensors.items():
+        place, unit = mechanism.sensor_values[name]
+        key = _name(name if len(usual.sensors) > 1 else "", "rate", unit.replace(" ", "").replace("/", "_"), "per_s")
+        rates[key] = place, DRIFTS_BY * max(rms, 1e-12)
+
+    def apply(plant: Plant, values: Values) -> Plant:
+        for key, (place, _) in rates.items():
+            plant.sensor_drift_per_s[place] += values[key]
+        return plant
+
+    parameters = tuple(Parameter(key, -largest, largest) for key, (_, largest) in rates.items())
+    return Effect("sensor_drift", "readings", "the zero of the sensors drifts with time", "y = x + rate t", "-", parameters, apply)
 
 
 def _scale_sensor(plant: Plant, place: int, value: float) -> None:

@@ -31,16 +31,18 @@ class Plant:
         (3, n) dry friction that falls with speed: its value at high speed, its rise at rest as a share, the speed it falls with.
     load_loss
         (n,) share of the actuators' torque that each joint loses by friction.
+    hysteresis
+        (2, n) Dahl's friction of each joint: its torque, and the angle over which it builds up.
     torque_offset, zero_offset
         (n,) steady torque in each joint, and what each position is read too large.
-    command_gain, command_limit
-        (u,) factor on the recorded commands, and their largest magnitude.
-    command_delay_s, command_lag_s
-        How much later than recorded they act: dead time, and time constant of a low-pass.
+    command_gain, command_limit, command_dead_band
+        (u,) factor on the recorded commands, their largest magnitude, and the magnitude that has no effect.
+    command_delay_s, command_lag_s, command_clock_rate
+        How much later than recorded they act: dead time, time constant of a low-pass, and share of the time since the recording began.
     speed_lag_s
         Time constant of a low-pass over the readings of speed.
-    sensor_gain, sensor_offset
-        (d,) factor on each value of the sensors, and what is added to it.
+    sensor_gain, sensor_offset, sensor_drift_per_s
+        (d,) factor on each value of the sensors, and what is added to it: at the beginning of the recording, and per second since.
     sensor_lag_s, sensor_delay_s
         Time constant of a low-pass over the sensors, and by how much their clock is late.
     """
@@ -51,14 +53,18 @@ class Plant:
     friction: Floats
     stribeck: Floats
     load_loss: Floats
+    hysteresis: Floats
     torque_offset: Floats
     zero_offset: Floats
     command_gain: Floats
     command_limit: Floats
+    command_dead_band: Floats
     sensor_gain: Floats
     sensor_offset: Floats
+    sensor_drift_per_s: Floats
     command_delay_s: float = 0.0
     command_lag_s: float = 0.0
+    command_clock_rate: float = 0.0
     speed_lag_s: float = 0.0
     sensor_lag_s: float = 0.0
     sensor_delay_s: float = 0.0
@@ -89,12 +95,15 @@ def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False)
         friction=model.dof_frictionloss.copy(),
         stribeck=np.vstack([zeros, zeros, zeros + 1.0]),
         load_loss=zeros.copy(),
+        hysteresis=np.vstack([zeros, zeros + 1.0]),
         torque_offset=zeros.copy(),
         zero_offset=zeros.copy(),
         command_gain=np.ones(model.nu),
         command_limit=np.full(model.nu, np.inf),
+        command_dead_band=np.zeros(model.nu),
         sensor_gain=np.ones(model.nsensordata),
         sensor_offset=np.zeros(model.nsensordata),
+        sensor_drift_per_s=np.zeros(model.nsensordata),
     )
 
 

@@ -83,9 +83,13 @@ def carry(
     w: Floats,
     ctrl: Floats,
     by_actuators: Floats,
+    applied: Floats,
     frictionloss: Floats,
     command: Floats,
     friction: Floats,
+    offset: Floats,
+    bristle: Floats,
+    h: float,
     path_q: Floats,
     path_w: Floats,
     sensordata: Floats,
@@ -95,14 +99,21 @@ def carry(
 
     Sensors are noted before each step, (k, d): MuJoCo computes them at a step's beginning.
 
-    `friction` (5, n): dry friction, Stribeck friction, its rise and its speed, and the share of the load that is lost. The arrays from `q`
-    to `frictionloss` are MuJoCo's own.
+    `friction` (7, n): dry friction, Stribeck friction, its rise and its speed, the share of the load that is lost, Dahl's friction and the
+    angle over which it builds up. `offset` (n,) are steady torques, `bristle` (n,) the state of Dahl's friction. The arrays from `q` to
+    `frictionloss` are MuJoCo's own.
     """
     for k in range(command.shape[0]):
         for i in range(q.size):
             path_q[k, i], path_w[k, i] = q[i], w[i]
             rise = friction[2, i] * np.exp(-abs(w[i]) / friction[3, i]) if friction[1, i] > 0.0 else 0.0
             frictionloss[i] = friction[0, i] + friction[1, i] * (1.0 + rise) + friction[4, i] * abs(by_actuators[i])
+            if friction[5, i] > 0.0:
+                slip = h * w[i] / friction[6, i]  # exact for a speed that lasts the step; the mean over the step acts
+                towards = 1.0 if slip > 0.0 else -1.0
+                after = towards + (bristle[i] - towards) * np.exp(-abs(slip))
+                applied[i] = offset[i] - friction[5, i] * 0.5 * (bristle[i] + after)
+                bristle[i] = after
         for j in range(ctrl.size):
             ctrl[j] = command[k, j]
         call_step(step, model, data)
@@ -120,7 +131,7 @@ def lag(values: Floats, share: float) -> None:
             values[k, i] = values[k - 1, i] + share * (values[k, i] - values[k - 1, i])
 
 
-def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s: Floats) -> Motion:
+def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s: Floats, since_s: float = 0.0) -> Motion:
     """The motion from a start at time zero.
 
     Parameters
@@ -133,6 +144,8 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
         (n,) as read at the start.
     t_s
         (k,) ascending, above zero, where the motion is read.
+    since_s
+        How long before the start the recording began.
 
     Raises
     ------
@@ -146,16 +159,16 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     steps = int(np.ceil(t_s[-1] / h - 1e-9))
     data.qpos[:], data.qvel[:] = position - plant.zero_offset, speed
     data.qfrc_applied[:] = plant.torque_offset
-    commands = _commands(plant, trace, steps)
+    commands = _commands(plant, trace, steps, since_s)
     data.ctrl[:] = commands[0]
     mujoco.mj_forward(model, data)  # the first step's friction asks for the actuators' torques
     path_q, path_w = np.empty((steps + 1, model.nv)), np.empty((steps + 1, model.nv))
     path_s = np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0))
-    friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss])
+    friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss, plant.hysteresis])
     carry(
         _step_address(), model._address, data._address,
-        data.qpos, data.qvel, data.ctrl, data.qfrc_actuator, model.dof_frictionloss,
-        commands, friction, path_q, path_w, data.sensordata, path_s,
+        data.qpos, data.qvel, data.ctrl, data.qfrc_actuator, data.qfrc_applied, model.dof_frictionloss,
+        commands, friction, plant.torque_offset, np.zeros(model.nv), h, path_q, path_w, data.sensordata, path_s,
     )  # fmt: skip
     if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
         raise SimulationFailed(f"the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
@@ -169,10 +182,10 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     place = np.minimum((t_s / h).astype(np.intp), steps - 1)
     x = (t_s / h - place)[:, None]
     position = _between(path_q, path_w, place, x, h) + plant.zero_offset
-    return Motion(position, read_w[place] + x * (read_w[place + 1] - read_w[place]), _read_sensors(plant, path_s, t_s))
+    return Motion(position, read_w[place] + x * (read_w[place + 1] - read_w[place]), _read_sensors(plant, path_s, t_s, since_s))
 
 
-def _read_sensors(plant: Plant, path: Floats, t_s: Floats) -> Floats:
+def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Floats:
     """The sensors' values at these times, after their lag, delay, gain and offset; before the start they stand still."""
     if path.shape[1] == 0:
         return np.empty((len(t_s), 0))
@@ -181,7 +194,8 @@ def _read_sensors(plant: Plant, path: Floats, t_s: Floats) -> Floats:
         lag(path, 1.0 - float(np.exp(-h / plant.sensor_lag_s)))
     times = np.arange(len(path)) * h
     read = np.column_stack([np.interp(t_s - plant.sensor_delay_s, times, values) for values in path.T])
-    return read * plant.sensor_gain + plant.sensor_offset
+    drift = (since_s + t_s)[:, None] * plant.sensor_drift_per_s
+    return np.asarray(read * plant.sensor_gain + plant.sensor_offset + drift)
 
 
 def _between(path_q: Floats, path_w: Floats, place: NDArray[np.intp], x: Floats, h: float) -> Floats:
@@ -192,18 +206,21 @@ def _between(path_q: Floats, path_w: Floats, place: NDArray[np.intp], x: Floats,
     return between
 
 
-def _commands(plant: Plant, trace: CommandTrace, steps: int) -> Floats:
-    """(k, u) what acts during each step: the mean over the step, after delay, lag, gain and saturation."""
+def _commands(plant: Plant, trace: CommandTrace, steps: int, since_s: float) -> Floats:
+    """(k, u) what acts during each step: the mean over the step, after delay, lag, gain, dead band and saturation."""
     if trace.command.shape[1] == 0:
         return np.empty((steps, 0))
     h, before = plant.step_s, int(max(0.0, -trace.t_s[0] / plant.step_s)) if plant.command_lag_s > 0.0 else 0
-    edges = np.arange(-before, steps + 1) * h - plant.command_delay_s
+    edges = np.arange(-before, steps + 1) * h
+    edges = edges - plant.command_delay_s - plant.command_clock_rate * (since_s + edges)
     # outside of the trace its ends go on
     first, last = trace.t_s[0], trace.t_s[-1]
     beyond = np.minimum(edges - first, 0.0)[:, None] * trace.command[0] + np.maximum(edges - last, 0.0)[:, None] * trace.command[-1]
     sums = np.column_stack([np.interp(edges, trace.t_s, column) for column in trace.total.T]) + beyond
-    command = np.diff(sums, axis=0) / h
+    command = np.diff(sums, axis=0) / np.diff(edges)[:, None]
     if plant.command_lag_s > 0.0:
         lag(command, 1.0 - float(np.exp(-h / plant.command_lag_s)))
         command[1:] = 0.5 * (command[1:] + command[:-1])  # the mean over the step, not the value at its end
-    return np.ascontiguousarray(np.clip(command[before:] * plant.command_gain, -plant.command_limit, plant.command_limit))
+    command = command[before:] * plant.command_gain
+    command = np.sign(command) * np.maximum(np.abs(command) - plant.command_dead_band, 0.0)
+    return np.ascontiguousarray(np.clip(command, -plant.command_limit, plant.command_limit))

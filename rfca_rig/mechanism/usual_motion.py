@@ -1,6 +1,6 @@
 """What is usual in the recordings of a mechanism: torques, speeds and inertias, which say how large an effect may plausibly be."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,20 +15,31 @@ COMMANDS_LOOKED_AT = 20  # of a window, evenly spread: enough for an rms
 
 @dataclass(frozen=True)
 class UsualMotion:
-    """What the recordings show of each joint, rms over them, (n,): torque of weight and drive, speed, travel about the mean, and
-    inertia.
+    """What the recordings show of a mechanism.
 
-    `command` (u,) is the largest magnitude of each actuator's command; all zero where nothing was commanded. `has_speeds`: whether speeds
-    were recorded. `sensors`: the names of the sensors' values that were recorded.
+    Parameters
+    ----------
+    torque, speed, travel, inertia
+        (n,) of each joint, rms over the recordings: torque of weight and drive, speed, travel about the mean, and inertia.
+    lowest, highest
+        (n,) the range of each joint's position.
+    command
+        (u,) the largest magnitude of each actuator's command; all zero where nothing was commanded.
+    has_speeds
+        Whether speeds were recorded.
+    sensors
+        Rms of each sensor's value that was recorded, by name.
     """
 
     torque: Floats
     speed: Floats
     travel: Floats
     inertia: Floats
+    lowest: Floats
+    highest: Floats
     command: Floats
     has_speeds: bool
-    sensors: tuple[str, ...] = ()
+    sensors: Mapping[str, float]
 
     @property
     def is_driven(self) -> bool:
@@ -42,7 +53,7 @@ def measure_usual_motion(
     commands: Sequence[Floats],
     seconds: float,
     has_speeds: bool,
-    sensors: tuple[str, ...] = (),
+    sensors: Mapping[str, float],
 ) -> UsualMotion:
     """What the windows of all recordings show of each joint.
 
@@ -59,7 +70,7 @@ def measure_usual_motion(
     has_speeds
         Whether speeds were recorded.
     sensors
-        Names of the sensors' values that were recorded.
+        Rms of each sensor's value that was recorded, by name.
     """
     import mujoco  # noqa: PLC0415  (optional)
 
@@ -83,7 +94,8 @@ def measure_usual_motion(
         torque = inertia * usual_speed / seconds
     largest = np.max([np.abs(command).max(axis=0, initial=0.0) for command in commands], axis=0)
     torque, usual_speed, travel, inertia = (_not_small(v, mechanism.is_slide) for v in (torque, usual_speed, travel, inertia))
-    return UsualMotion(torque, usual_speed, travel, inertia, largest, has_speeds, sensors)
+    lowest, highest = position.min(axis=0), position.max(axis=0)
+    return UsualMotion(torque, usual_speed, travel, inertia, lowest, highest, largest, has_speeds, sensors)
 
 
 def _not_small(values: Floats, slides: NDArray[np.bool_]) -> Floats:

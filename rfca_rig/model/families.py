@@ -85,16 +85,24 @@ FAMILIES = (
             (
                 *("joint_friction", "joint_friction_of_one", "joint_stribeck", "joint_load_friction", "joint_load_friction_of_one"),
                 *("joint_damping", "joint_damping_of_one", "joint_drag", "joint_drag_of_one", "hinge_viscous_damping", "fluid_drag"),
+                "joint_hysteresis",
             )
         ),
     ),
     Family("joint_inertia", "the joints carry more inertia", "joints", frozenset(("joint_inertia", "joint_inertia_of_one", "added_mass"))),
-    Family("joint_stiffness", "a spring acts in the joints", "joints", frozenset(("joint_spring", "joint_spring_of_one"))),
+    Family(
+        "joint_stiffness",
+        "a spring or a stop acts in the joints",
+        "joints",
+        frozenset(("joint_spring", "joint_spring_of_one", "joint_stop", "joint_hysteresis")),
+    ),
     Family(
         "torque_scale",
         "the torque is not what was recorded",
         "joints",
-        frozenset(("torque_scale", "torque_scale_of_one", "torque_lag", "torque_delay", "torque_saturation")),
+        frozenset(
+            ("torque_scale", "torque_scale_of_one", "torque_lag", "torque_delay", "torque_saturation", "torque_dead_band", "clock_rate")
+        ),
     ),
 )
 

@@ -161,11 +161,11 @@ def _friction(w, bristle, torque, dry, viscous, shape):
     return friction, bend
 
 
-def write_campaign(folder, arm, nominal, recordings, known_to):
+def write_campaign(folder, nominal, recordings, known_to):
     """A folder with experiment.toml, model.xml of the nominal arm, and a CSV file of each recording."""
     folder.mkdir(parents=True)
     (folder / "model.xml").write_text(mjcf(nominal), encoding="utf-8")
-    joints = range(1, arm.joints + 1)
+    joints = range(1, nominal.joints + 1)
     names = ["t", *(f"q{j}" for j in joints), *(f"w{j}" for j in joints), *(f"tau{j}" for j in joints)]
     for number, (t_s, angle, speed, torque) in enumerate(recordings, start=1):
         rows = np.column_stack([t_s, np.degrees(angle), speed, torque])

@@ -23,7 +23,7 @@ KNOWN_TO = {"mass_relative": 0.02, "centre_of_mass_m": 0.003, "zero_offset_rad":
 
 
 def campaign(folder, arm, seconds=6.0, seeds=(0, 1)):
-    return write_campaign(folder, arm, NOMINAL, [record(arm, seconds, seed) for seed in seeds], KNOWN_TO)
+    return write_campaign(folder, NOMINAL, [record(arm, seconds, seed) for seed in seeds], KNOWN_TO)
 
 
 def diagnosed(folder):

@@ -1,5 +1,7 @@
 """Effects and nuisance parameters of a mechanism: each acts, none at its neutral value, and the amended model moves alike."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,8 +24,11 @@ USUAL = UsualMotion(
     speed=np.array([1.0, 1.0, 1.0]),
     travel=np.array([0.3, 0.3, 0.3]),
     inertia=np.array([0.6, 0.1, 0.01]),
+    lowest=np.array([0.0, -1.0, 0.0]),
+    highest=np.array([1.2, 0.5, 1.0]),
     command=np.array([4.0, 2.0, 1.0]),
     has_speeds=True,
+    sensors={},
 )
 CART = (
     '<mujoco><worldbody><body name="cart"><joint name="x" type="slide" axis="1 0 0"/><geom type="box" size="0.1 0.1 0.1" mass="1"/>'
@@ -72,7 +77,7 @@ def test_ids_are_unique_and_every_variant_has_its_general_law(mechanism):
     [
         *("joint_friction", "joint_damping", "joint_drag", "joint_inertia", "joint_spring", "joint_load_friction", "torque_scale"),
         *("joint_stribeck", "torque_delay", "torque_lag", "torque_saturation", "speed_lag", "gravity_tilt", "added_mass"),
-        *("joint_friction_of_one", "joint_damping_of_one", "torque_scale_of_one"),
+        *("joint_friction_of_one", "joint_damping_of_one", "torque_scale_of_one", "joint_hysteresis", "joint_stop", "torque_dead_band"),
     ],
 )
 def test_every_effect_changes_the_motion_and_leaves_the_mechanism_alone(mechanism, plain, effect_id):
@@ -103,16 +108,16 @@ def test_drag_resists_with_the_speed_squared(mechanism):
 
 
 def test_effects_of_what_was_not_recorded_are_not_looked_for(mechanism):
-    still = UsualMotion(USUAL.torque, USUAL.speed, USUAL.travel, USUAL.inertia, np.zeros(3), False)
+    still = replace(USUAL, command=np.zeros(3), has_speeds=False)
     found = {effect.id for effect in list_effects(mechanism, still)}
-    assert not found & {"torque_scale", "torque_delay", "torque_lag", "torque_saturation", "joint_load_friction", "speed_lag"}
+    assert not found & {"torque_scale", "torque_delay", "torque_lag", "torque_saturation", "joint_load_friction", "speed_lag", "clock_rate"}
     assert "joint_friction" in found
 
 
 def test_a_slide_has_its_own_units(tmp_path):
     (tmp_path / "cart.xml").write_text(CART, encoding="utf-8")
     cart = load_mechanism(tmp_path / "cart.xml")
-    usual = UsualMotion(*(np.ones(2) for _ in range(4)), np.ones(1), True)
+    usual = UsualMotion(*(np.ones(2) for _ in range(6)), np.ones(1), True, {})
     effects = {effect.id: effect for effect in list_effects(cart, usual)}
     assert [p.name for p in effects["joint_friction"].parameters] == ["x_torque_N", "pivot_torque_Nm"]
     assert [p.name for p in effects["joint_load_friction"].parameters] == ["loss_relative"]
@@ -166,10 +171,10 @@ def test_nuisance_parameters_of_slides_contacts_and_sensors_act_where_they_are(o
     assert (changed[1] > 1e-5) == (key != "sensor_offset_N")
 
 
-USUAL_HOP = UsualMotion(*(np.ones(2) for _ in range(4)), np.ones(1), False, ("plate_force",))
+USUAL_HOP = UsualMotion(*(np.ones(2) for _ in range(6)), np.ones(1), False, {"plate_force": 20.0})
 
 
-@pytest.mark.parametrize("effect_id", ["sensor_gain", "sensor_lag", "clock_offset", "contact_stiffness", "contact_damping"])
+@pytest.mark.parametrize("effect_id", ["sensor_gain", "sensor_lag", "clock_offset", "sensor_drift", "contact_stiffness", "contact_damping"])
 def test_effects_of_sensors_change_readings_alone_and_those_of_contacts_the_motion(on_floor, plainly_hopped, effect_id):
     effect = {one.id: one for one in list_effects(on_floor, USUAL_HOP)}[effect_id]
     plant = effect.apply(make_plant(on_floor, 1e-3, reads_sensors=True), {p.name: 0.9 * p.high for p in effect.parameters})
@@ -180,11 +185,18 @@ def test_effects_of_sensors_change_readings_alone_and_those_of_contacts_the_moti
 
 def test_effects_of_sensors_and_contacts_need_them(mechanism, on_floor):
     of_arm = set(effects_of(mechanism))
-    assert not of_arm & {"sensor_gain", "sensor_lag", "clock_offset", "contact_stiffness", "contact_damping", "contact_friction"}
-    unread = UsualMotion(*(np.ones(2) for _ in range(4)), np.ones(1), False)
-    found = {effect.id for effect in list_effects(on_floor, unread)}
+    assert not of_arm & {
+        "sensor_gain",
+        "sensor_lag",
+        "clock_offset",
+        "sensor_drift",
+        "contact_stiffness",
+        "contact_damping",
+        "contact_friction",
+    }
+    found = {effect.id for effect in list_effects(on_floor, replace(USUAL_HOP, sensors={}))}
     assert "contact_stiffness" in found
-    assert not found & {"sensor_gain", "sensor_lag", "clock_offset"}
+    assert not found & {"sensor_gain", "sensor_lag", "clock_offset", "sensor_drift"}
 
 
 def test_the_amended_contacts_are_as_stiff_and_lose_as_much(on_floor, plainly_hopped, tmp_path):
@@ -193,11 +205,25 @@ def test_the_amended_contacts_are_as_stiff_and_lose_as_much(on_floor, plainly_ho
         plant = {one.id: one for one in list_effects(on_floor, USUAL_HOP)}[name].apply(plant, {"factor": factor})
     expected = hopped(plant)
     plant.sensor_gain[0] = 1.1
-    assert write_amended_model(plant, tmp_path / "model.xml") == ("scales and offsets of the sensors",)
+    assert write_amended_model(plant, tmp_path / "model.xml") == ("scales and zeros of the sensors",)
     amended = make_plant(load_mechanism(tmp_path / "model.xml"), 1e-3, reads_sensors=True)
     assert np.abs(expected - plainly_hopped)[:, 2].max() > 1.0
     assert np.allclose(hopped(amended), expected, rtol=1e-4, atol=1e-4)
     assert np.allclose(amended.model.geom_friction[:, 0], 0.5)
+
+
+def test_an_amended_stop_stops_where_the_effect_does(mechanism, plain, tmp_path):
+    plant = effects_of(mechanism)["joint_stop"].apply(make_plant(mechanism, 1e-3), {"joint": 1.0, "position_relative": -0.7})
+    expected = moved(plant)
+    assert expected[:, 0].min() > plain[:, 0].min() + 0.02
+    write_amended_model(plant, tmp_path / "model.xml")
+    assert np.abs(moved(make_plant(load_mechanism(tmp_path / "model.xml"), 1e-3)) - expected).max() < 1e-3
+
+
+def test_a_limit_of_the_model_leaves_no_room_for_another_stop(tmp_path):
+    path = tmp_path / "model.xml"
+    path.write_text(mjcf(Arm()).replace('name="joint1"', 'name="joint1" limited="true" range="-90 90"'), encoding="utf-8")
+    assert "joint_stop" not in effects_of(load_mechanism(path))
 
 
 @pytest.mark.parametrize("solref", [(0.02, 0.7), (-3000.0, -40.0)])
@@ -242,4 +268,4 @@ def test_what_mjcf_does_not_hold_is_named(mechanism, tmp_path):
     plant = effects["torque_delay"].apply(make_plant(mechanism, 1e-3), {"delay_s": 0.01})
     plant = effects["joint_load_friction"].apply(plant, {p.name: 0.1 for p in effects["joint_load_friction"].parameters})
     beyond = write_amended_model(plant, tmp_path / "model.xml")
-    assert beyond == ("friction that grows with load", "delay or lag of the commands")
+    assert beyond == ("friction that grows with load", "delay, lag or clock of the commands")

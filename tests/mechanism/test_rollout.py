@@ -192,3 +192,48 @@ def test_sensors_are_computed_only_where_they_are_read(tmp_path):
     assert not plant.reads_sensors
     motion = roll(plant, CommandTrace(np.array([-0.1, 0.4]), np.full((2, 1), 15.0)), np.array([0.29, 0.25]), np.zeros(2), T_S[:10])
     assert motion.sensors.shape == (10, 0)
+
+
+def test_hysteresis_returns_what_a_spring_of_the_same_slope_does_and_loses_its_loop(tmp_path):
+    """Dahl's friction of a swinging rod against the same law in a solver of its own."""
+    torque_Nm, bend_rad = 0.2, 0.05
+    one = Arm(length_m=(0.35,), mass_kg=(2.0,), friction=Friction((0.0,)), rotor_kg_m2=(0.0,), zero_rad=(0.0,))
+    plant = make_plant(loaded(tmp_path, mjcf(one)), 1e-3)
+    plant.hysteresis[:] = [[torque_Nm], [bend_rad]]
+    trace = CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 1)))
+    t_s = np.linspace(0.01, 2.0, 100)
+    motion = roll(plant, trace, np.array([0.5]), np.zeros(1), t_s)
+    inertia = 2.0 * 0.35**2 / 3.0
+
+    def rate(_, x):
+        return [x[1], (-9.81 * 2.0 * 0.175 * np.sin(x[0]) - torque_Nm * x[2]) / inertia, x[1] / bend_rad * (1.0 - x[2] * np.sign(x[1]))]
+
+    expected = solve_ivp(rate, (0.0, 2.0), [0.5, 0.0, 0.0], t_eval=t_s, rtol=1e-9, atol=1e-11, max_step=1e-3).y[0]
+    assert np.abs(motion.position[:, 0] - expected).max() < 2e-3
+    assert np.abs(motion.position[-30:]).max() < 0.35
+
+
+def test_clock_and_drift_count_from_the_beginning_of_the_recording(tmp_path):
+    plant = make_plant(loaded(tmp_path, hopper.mjcf(hopper.Hopper())), 1e-3, reads_sensors=True)
+    wave = np.arange(-0.2, 0.5, 1e-3)
+    trace = CommandTrace(wave, 15.0 + 5.0 * np.sin(30.0 * wave)[:, None])
+    start, t_s = np.array([0.275, 0.25]), np.arange(1, 251) * 1e-3
+
+    def read(since_s, **changes):
+        for name, value in {"command_clock_rate": 0.0, "command_delay_s": 0.0, "sensor_drift_per_s": np.zeros(1), **changes}.items():
+            setattr(plant, name, value)
+        return roll(plant, trace, start, np.zeros(2), t_s, since_s)
+
+    late = read(10.0, command_clock_rate=0.002).position
+    assert late == pytest.approx(read(0.0, command_delay_s=0.02).position, abs=1e-4)
+    assert np.abs(late - read(0.0).position).max() > 1e-3
+    drifted = read(10.0, sensor_drift_per_s=np.array([0.5])).sensors - read(10.0).sensors
+    assert drifted[:, 0] == pytest.approx(0.5 * (10.0 + t_s))
+
+
+def test_small_commands_have_no_effect(tmp_path):
+    plant = make_plant(loaded(tmp_path, mjcf(ARM)), 1e-3)
+    plant.command_dead_band[:] = (0.5, 0.5, 0.5)
+    dead = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S).position
+    plant.command_dead_band[:] = 0.0
+    assert dead == pytest.approx(roll(plant, told([1.5, -0.5, 0.0]), START_RAD, START_RAD_S, T_S).position)

@@ -73,7 +73,11 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
         commands=[window.trace.command for window in windows],
         seconds=float(windows[0].t_s[-1]),
         has_speeds=any(signal.quantity == "speed" for signal in experiment.signals),
-        sensors=tuple(signal.name for signal in experiment.signals if signal.quantity == "sensor"),
+        sensors={
+            signal.name: float(np.sqrt(np.mean(np.concatenate([window.measured[k] for window in windows]) ** 2)))
+            for k, signal in enumerate(experiment.signals)
+            if signal.quantity == "sensor"
+        },
     )
     torque = usual.torque * experiment.known_to.get("torque_error_relative", USUAL_ERROR) / USUAL_ERROR
     simulator = MechanismSimulator(mechanism, STEP_OF_ERRORS_S, columns, {})
@@ -167,6 +171,7 @@ def _cut(run: MechanismRun, experiment: Experiment, mechanism: Mechanism, column
         windows.append(
             Window(
                 start_s=float(start_s),
+                since_s=float(start_s - run.t_s[0]),
                 trace=CommandTrace(run.t_s[around] - start_s, commands[around]),
                 position=at,
                 speed=speed,

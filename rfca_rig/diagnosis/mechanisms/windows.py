@@ -30,8 +30,8 @@ class Window:
 
     Parameters
     ----------
-    start_s
-        Where it begins.
+    start_s, since_s
+        Where it begins, and how long after the beginning of the recording.
     trace
         The commands around it.
     position, speed
@@ -47,6 +47,7 @@ class Window:
     """
 
     start_s: float
+    since_s: float
     trace: CommandTrace
     position: Floats
     speed: Floats
@@ -155,7 +156,7 @@ class MechanismSimulator(Simulator):
 
     def follow(self, plant: Plant, window: Window) -> Floats:
         """What the plant does from the measured start, (s, b). Raises SimulationFailed."""
-        motion = roll(plant, window.trace, window.position, window.speed, window.t_s)
+        motion = roll(plant, window.trace, window.position, window.speed, window.t_s, window.since_s)
         read = np.concatenate([motion.position, motion.speed, motion.sensors], axis=1)[:, self.columns]
         return bin_means(read, window.bins).T
 
