@@ -1,4 +1,4 @@
-"""Reads recordings of any mechanism: a folder with experiment.toml, a model file and CSV files.
+"""Reads recordings of any mechanism: a folder with experiment.toml, a model file, and CSV or HDF5 files.
 
 docs/mechanisms.md shows an experiment.toml. Everything is in SI units behind this module: rad or m, rad/s or m/s, N m, N, A or V.
 """
@@ -10,8 +10,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.experiment_layout import FILE_NAME, TIME_UNITS, ExperimentFile
-from rfca_rig.campaign.table import columns, read_table, select_samples
+from rfca_rig.campaign.experiment_layout import FILE_NAME, ExperimentFile
+from rfca_rig.campaign.recorded_columns import ColumnRequest
+from rfca_rig.campaign.recorded_files import read_columns
+from rfca_rig.campaign.table import select_samples
 from rfca_rig.description.toml import place_of, read_toml
 from rfca_rig.errors import BadInput
 
@@ -99,20 +101,15 @@ def _check_unique(path: Path, described: ExperimentFile) -> None:
 
 def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismRun:
     run = described.recordings[place]
-    if not (folder / run.file).is_file():
+    if not (folder / run.file).exists():
         where = place_of(folder / FILE_NAME, ("recordings", place, "file"))
         raise BadInput(f"{where}: recordings[{place + 1}].file: {folder / run.file} is not there")
-    table = read_table(folder / run.file)
     signals, commands = described.signals, described.commands if run.driven else ()
-    holds = {described.time.column: "the time"}
-    holds |= {signal.column: signal.words for signal in signals}
+    holds = {signal.column: signal.words for signal in signals}
     holds |= {command.column: f"the command of actuator {command.actuator}" for command in commands}
-    for name, meaning in holds.items():
-        if name not in table.names:
-            raise BadInput(f"{table.path}:1: column {name}, which is to hold {meaning}, is missing; the file has {', '.join(table.names)}")
-    values = dict(zip(holds, columns(table, list(holds)).T, strict=True))
-    t_s = TIME_UNITS[described.time.unit] * values[described.time.column]
-    inside = select_samples(table, t_s, run.from_s, run.to_s)
+    recording = read_columns(folder / run.file, ColumnRequest(described.time, holds, described.windows.bin_s))
+    t_s, values = recording.t_s, recording.values
+    inside = select_samples(recording, t_s, run.from_s, run.to_s)
     recorded = np.column_stack([signal.factor * values[signal.column] for signal in signals])
     commanded = np.zeros((len(t_s), len(described.commands)))
     for number, command in enumerate(commands):

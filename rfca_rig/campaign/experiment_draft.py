@@ -1,6 +1,7 @@
-"""A draft of experiment.toml from a model file and a folder of CSV files: everything that they tell, and a "?" for what they do not."""
+"""A draft of experiment.toml from a model file and a folder of recordings: all that they tell, and a "?" for what they do not."""
 
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from rfca_rig.campaign.experiment_layout import (
     SPEED_UNITS,
     TIME_UNITS,
 )
-from rfca_rig.campaign.table import numeric_columns, read_table
+from rfca_rig.campaign.recorded_files import find_recordings, list_columns
 from rfca_rig.description.toml_writing import written
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.load import Mechanism
@@ -32,21 +33,23 @@ def write_draft(mechanism: Mechanism, folder: Path) -> Path:
     Raises
     ------
     BadInput
-        Where there is an experiment.toml already, or no CSV file.
+        Where there is an experiment.toml already, no recording, or one that cannot be read.
     """
-    path, files = folder / FILE_NAME, sorted(folder.rglob("*.csv"))
+    path, found = folder / FILE_NAME, find_recordings(folder)
     if path.exists():
         raise BadInput(f"{path}: is there already; remove it, or edit it")
-    if not files:
-        raise BadInput(f"{folder}: holds no CSV file; --data names the folder of the recordings")
-    write_atomically(path, draft(mechanism, folder, files).encode("utf-8"))
+    if not found:
+        raise BadInput(f"{folder}: holds no recording (.csv, .h5, .hdf5); --data names the folder of the recordings")
+    write_atomically(path, draft(mechanism, folder, found).encode("utf-8"))
     return path
 
 
-def draft(mechanism: Mechanism, folder: Path, files: list[Path]) -> str:
-    """The text of the draft."""
-    columns = numeric_columns(read_table(files[0]))
-    rising = [name for name, values in columns.items() if values is not None and (np.diff(values) > 0.0).all()]
+def draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[Path]]) -> str:
+    """The text of the draft, for the first kind of recordings that `find_recordings` found: all files share their columns' names."""
+    kind, *others = found
+    files = found[kind]
+    columns = list_columns(files[0])
+    times = columns.times
     lines = [
         f'# Replace every "?". Then: rfca-rig diagnose {folder.name}',
         f"format = {written(FORMAT)}",
@@ -54,11 +57,12 @@ def draft(mechanism: Mechanism, folder: Path, files: list[Path]) -> str:
         f"model = {written(Path(os.path.relpath(mechanism.path, folder)).as_posix())}",
         "",
         f"# Columns of {files[0].relative_to(folder).as_posix()}, with their smallest and largest values:",
-        *(f"#   {name}: {_extent(values)}" for name, values in columns.items()),
+        *(f"#   {note}" for note in columns.notes),
+        *(f"#   {name}: {_extent(values)}" for name, values in columns.values.items()),
         "",
         "[time]",
-        f"column = {written(rising[0]) if len(rising) == 1 else UNKNOWN}{'' if rising else '  # none of the columns rises throughout'}",
-        f"unit = {UNKNOWN}  # {_any_of(TIME_UNITS)}",
+        f"column = {written(times[0]) if len(times) == 1 else UNKNOWN}{'' if times else f'  # {columns.no_time}'}",
+        f"unit = {written(columns.time_unit) if columns.time_unit else f'{UNKNOWN}  # {_any_of(TIME_UNITS)}'}",
     ]
     for place, joint in enumerate(mechanism.joints):
         slides = bool(mechanism.is_slide[place])
@@ -81,6 +85,7 @@ def draft(mechanism: Mechanism, folder: Path, files: list[Path]) -> str:
         *(() if mechanism.is_slide.all() else (f"zero_offset_rad = {UNKNOWN}  # of the encoders, 0.005 for joints that were set by hand",)),
         f"torque_error_relative = {UNKNOWN}  # usual error of the torques: 0.01 from a torque sensor, 0.03 from a motor current",
     ]
+    lines += [f"\n# Left out, as they are of another kind: {len(found[other])} x {other}" for other in others]
     for number, file in enumerate(files, start=1):
         lines += ["", "[[recordings]]", f"file = {written(file.relative_to(folder).as_posix())}", f'condition = "recording {number}"']
     return "\n".join(lines) + "\n"

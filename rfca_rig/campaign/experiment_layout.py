@@ -6,9 +6,10 @@ from pydantic import Field, field_validator, model_validator
 
 from rfca_rig.campaign.pendulum_layout import RunSection, Text
 from rfca_rig.description.sections import Positive, Section
+from rfca_rig.recording.layout import EXPERIMENT
 
 FORMAT = "rfca-experiment/1"
-FILE_NAME = "experiment.toml"
+FILE_NAME = EXPERIMENT
 
 # Factor to SI of each unit that a column may have, by what it measures. Nothing is guessed from a column's name.
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}

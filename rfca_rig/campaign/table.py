@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,13 +126,22 @@ def _fault_in_number(cell: str) -> str | None:
     return None if math.isfinite(float(cell)) else f"{cell[:30]} is too large for a number"
 
 
-def select_samples(table: Table, t_s: Floats, from_s: float | None, to_s: float | None) -> NDArray[np.bool_]:
+class HasSamples(Protocol):
+    """A recording that can name one of its samples, from 0, in an error."""
+
+    @property
+    def path(self) -> Path: ...
+
+    def fault(self, row: int, said: str) -> BadInput: ...
+
+
+def select_samples(recording: HasSamples, t_s: Floats, from_s: float | None, to_s: float | None) -> NDArray[np.bool_]:
     """Which samples (rows,) lie from `from_s` to `to_s`. Raises BadInput where time does not run forwards, or too few do."""
     backwards = np.flatnonzero(np.diff(t_s) <= 0.0)
     if backwards.size:
         row = int(backwards[0]) + 1
-        raise table.fault(row, f"time does not run forwards: {t_s[row]:g} s after {t_s[row - 1]:g} s")
+        raise recording.fault(row, f"time does not run forwards: {t_s[row]:g} s after {t_s[row - 1]:g} s")
     inside = (t_s >= (-np.inf if from_s is None else from_s)) & (t_s <= (np.inf if to_s is None else to_s))
     if inside.sum() < FEWEST_SAMPLES:
-        raise BadInput(f"{table.path}: {inside.sum()} samples between from_s and to_s; needs {FEWEST_SAMPLES} or more")
+        raise BadInput(f"{recording.path}: {inside.sum()} samples between from_s and to_s; needs {FEWEST_SAMPLES} or more")
     return np.asarray(inside)

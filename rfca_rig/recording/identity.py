@@ -5,9 +5,11 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+from rfca_rig.recording.layout import EXPERIMENT
 from rfca_rig.recording.sums import sum_line
 
 DIGITS = 32
+KINDS_OF_AN_EXPERIMENT = ("h5", "hdf5")
 
 
 def identity_of(title: str, source: str, provenance: Mapping[str, str]) -> str:
@@ -20,8 +22,10 @@ def identity_of(title: str, source: str, provenance: Mapping[str, str]) -> str:
 
 
 def described_files(folder: Path) -> list[Path]:
-    """Of recordings from elsewhere the description, the model file and the tables, in their order by name."""
-    return sorted([*(file for ending in ("toml", "xml", "urdf") for file in folder.glob(f"*.{ending}")), *folder.rglob("*.csv")])
+    """Of recordings from elsewhere the description, the model file and the recordings, in their order by name."""
+    kinds = ("csv", *KINDS_OF_AN_EXPERIMENT) if (folder / EXPERIMENT).is_file() else ("csv",)
+    described = (file for ending in ("toml", "xml", "urdf") for file in folder.glob(f"*.{ending}"))
+    return sorted([*described, *(file for ending in kinds for file in folder.rglob(f"*.{ending}"))])
 
 
 def identity_of_tables(title: str, folder: Path) -> str:

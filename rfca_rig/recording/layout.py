@@ -18,6 +18,7 @@ ENDING = "end.json"
 RECORDING = "run.h5"
 SUMS = "SHA256SUMS"
 PENDULUM = "pendulum.toml"  # describes recordings of a pendulum, which every command reads as they stand
+EXPERIMENT = "experiment.toml"  # describes recordings of a mechanism, in files of any kind
 BALLAST = ".ballast"
 JOURNAL = ".journal"
 STAGE = ".h5"

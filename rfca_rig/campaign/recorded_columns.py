@@ -1,0 +1,89 @@
+"""The columns of one recording over one time base, whatever kind of file holds them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.campaign.experiment_layout import TimeSection
+from rfca_rig.errors import BadInput
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ColumnRequest:
+    """The columns that experiment.toml names.
+
+    Parameters
+    ----------
+    time
+        The column of the time, and its unit.
+    holds
+        What each other column is to hold, in words, by the column's name. The first is that of the first signal.
+    longest_gap_s
+        The longest time between two samples that may be bridged by interpolation.
+    """
+
+    time: TimeSection
+    holds: Mapping[str, str]
+    longest_gap_s: float
+
+
+@dataclass(frozen=True)
+class RecordedColumns:
+    """The columns that were asked for.
+
+    Parameters
+    ----------
+    path
+        The recording.
+    t_s
+        (m,) times.
+    values
+        (m,) finite numbers by the column's name, in the column's unit.
+    first_line
+        The line of the first sample in a file of text, None for other files.
+    """
+
+    path: Path
+    t_s: Floats
+    values: Mapping[str, Floats]
+    first_line: int | None = None
+
+    def fault(self, row: int, said: str) -> BadInput:
+        """The error for sample `row`, from 0."""
+        place = f" sample {row + 1}" if self.first_line is None else f"{row + self.first_line}"
+        return BadInput(f"{self.path}:{place}: {said}")
+
+
+@dataclass(frozen=True)
+class ColumnList:
+    """All columns that a recording offers, for a draft of experiment.toml.
+
+    Parameters
+    ----------
+    values
+        The numbers of each column by its name, None where not all of them are finite numbers.
+    times
+        Columns that may be the time.
+    no_time
+        What to say where none may.
+    time_unit
+        The unit of the time, None where only the user knows it.
+    notes
+        Lines about the recording as a whole.
+    """
+
+    values: Mapping[str, Floats | None]
+    times: tuple[str, ...]
+    no_time: str = "none of the columns rises throughout"
+    time_unit: str | None = None
+    notes: tuple[str, ...] = ()
+
+
+def find_rising(values: Mapping[str, Floats | None]) -> tuple[str, ...]:
+    """The columns that rise from each sample to the next."""
+    return tuple(name for name, column in values.items() if column is not None and (np.diff(column) > 0.0).all())
