@@ -1,4 +1,4 @@
-"""Reads recordings of any mechanism: a folder with experiment.toml, a model file, and CSV or HDF5 files.
+"""Reads recordings of any mechanism: a folder with experiment.toml, a model file, and CSV files, HDF5 files or bags.
 
 docs/mechanisms.md shows an experiment.toml. Everything is in SI units behind this module: rad or m, rad/s or m/s, N m, N, A or V.
 """

@@ -39,7 +39,7 @@ def write_draft(mechanism: Mechanism, folder: Path) -> Path:
     if path.exists():
         raise BadInput(f"{path}: is there already; remove it, or edit it")
     if not found:
-        raise BadInput(f"{folder}: holds no recording (.csv, .h5, .hdf5); --data names the folder of the recordings")
+        raise BadInput(f"{folder}: holds no recording (.csv, .h5, .hdf5, .mcap, or a ROS 2 bag); --data names the folder of the recordings")
     write_atomically(path, draft(mechanism, folder, found).encode("utf-8"))
     return path
 

@@ -1,13 +1,19 @@
-"""Which kind of file a recording is: CSV or HDF5. Each is read into named columns over one time base."""
+"""Which kind of file a recording is: CSV, HDF5, an MCAP file or a ROS 2 bag. Each is read into named columns over one time base."""
 
+from importlib.util import find_spec
 from pathlib import Path
 
 from rfca_rig.campaign.csv_columns import list_csv_columns, read_csv_columns
 from rfca_rig.campaign.hdf5_columns import list_hdf5_columns, read_hdf5_columns
 from rfca_rig.campaign.recorded_columns import ColumnList, ColumnRequest, RecordedColumns
+from rfca_rig.errors import BadInput
 
 CSV = ".csv"
 HDF5 = (".h5", ".hdf5")
+BAGS = (".mcap", ".db3")
+
+_METADATA = "metadata.yaml"  # in the folder of a ROS 2 bag
+_OF_A_BAG = "rosbag2_bagfile_information"  # what that file begins with
 
 
 def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
@@ -16,15 +22,20 @@ def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
     Parameters
     ----------
     path
-        The recording. A file of an unknown kind is read as CSV.
+        The recording: a file or, for a ROS 2 bag, a folder. A file of an unknown kind is read as CSV.
     request
         The columns of experiment.toml.
 
     Raises
     ------
     BadInput
-        Where the recording cannot be read, or a column is missing or holds anything but numbers.
+        Where the recording cannot be read, a package for it is not installed, or a column is missing or holds anything but numbers.
     """
+    if _is_bag(path):
+        _require_bag_packages(path)
+        from rfca_rig.campaign.bag_columns import read_bag_columns  # noqa: PLC0415  (optional)
+
+        return read_bag_columns(path, request)
     if path.suffix.lower() in HDF5:
         return read_hdf5_columns(path, request)
     return read_csv_columns(path, request)
@@ -32,14 +43,41 @@ def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
 
 def list_columns(path: Path) -> ColumnList:
     """All columns of a recording. Raises BadInput as `read_columns` does."""
+    if _is_bag(path):
+        _require_bag_packages(path)
+        from rfca_rig.campaign.bag_columns import list_bag_columns  # noqa: PLC0415  (optional)
+
+        return list_bag_columns(path)
     return list_hdf5_columns(path) if path.suffix.lower() in HDF5 else list_csv_columns(path)
 
 
 def find_recordings(folder: Path) -> dict[str, list[Path]]:
-    """All recordings below a folder by their kind, in their order by name."""
-    files = sorted(file for file in folder.rglob("*") if file.is_file())
+    """All recordings below a folder by their kind, in their order by name. What lies in the folder of a bag is part of that bag."""
+    bags = [file.parent for file in folder.rglob(_METADATA) if _is_rosbag_folder(file.parent)]
+    files = sorted(file for file in folder.rglob("*") if file.is_file() and not any(bag in file.parents for bag in bags))
     found = {
         "CSV": [file for file in files if file.suffix.lower() == CSV],
         "HDF5": [file for file in files if file.suffix.lower() in HDF5],
+        "bag": sorted([*bags, *(file for file in files if file.suffix.lower() in BAGS)]),
     }
     return {kind: paths for kind, paths in found.items() if paths}
+
+
+def _is_bag(path: Path) -> bool:
+    """Raises BadInput for a folder that is no bag."""
+    if path.is_dir() and not _is_rosbag_folder(path):
+        raise BadInput(f"{path}: is a folder without the {_METADATA} of a ROS 2 bag; `ros2 bag reindex` writes it")
+    return path.is_dir() or path.suffix.lower() in BAGS
+
+
+def _is_rosbag_folder(path: Path) -> bool:
+    file = path / _METADATA
+    try:
+        return file.is_file() and _OF_A_BAG in file.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+
+
+def _require_bag_packages(path: Path) -> None:
+    if any(find_spec(name) is None for name in ("mcap", "rosbags")):
+        raise BadInput(f"{path}: bags are read by packages that are not installed: pip install 'rfca-rig[bags]'")

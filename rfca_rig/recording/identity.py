@@ -9,7 +9,7 @@ from rfca_rig.recording.layout import EXPERIMENT
 from rfca_rig.recording.sums import sum_line
 
 DIGITS = 32
-KINDS_OF_AN_EXPERIMENT = ("h5", "hdf5")
+KINDS_OF_AN_EXPERIMENT = ("h5", "hdf5", "mcap", "db3", "zstd")  # zstd: files of a ROS 2 bag that were compressed as a whole
 
 
 def identity_of(title: str, source: str, provenance: Mapping[str, str]) -> str:
