@@ -160,10 +160,11 @@ def _cut(run: MechanismRun, experiment: Experiment, mechanism: Mechanism, column
     windows = []
     for start_s in np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - length_s, length_s):
         inside = (run.t_s > start_s) & (run.t_s <= start_s + length_s)
+        begin_s, end_s = max(run.t_s[0], start_s - MARGIN_S), min(run.t_s[-1], start_s + length_s + MARGIN_S)
         around = (run.t_s > start_s - MARGIN_S) & (run.t_s < start_s + length_s + MARGIN_S)
+        if np.diff([begin_s, *run.t_s[around], end_s]).max() > bin_s:
+            continue  # a gap in it, or one that reaches into it: a bin would be empty, or its start unknown
         t_s = run.t_s[inside] - start_s
-        if t_s.size == 0 or np.diff(run.t_s[around]).max(initial=0.0) > bin_s:
-            continue  # a gap: a bin would be empty
         bins = bin_starts(t_s, bin_s)
         at, speed, at_std, speed_std = estimate_start(run.t_s, position, float(start_s), position_noise)
         counts = np.diff(np.append(bins, len(t_s)))
