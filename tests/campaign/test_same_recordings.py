@@ -25,7 +25,7 @@ OF_STATES = {"q": "/joint_states:position", "w": "/joint_states:velocity"}
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
     recordings = [record(Arm(), 1.4, seed) for seed in (0, 1)]
-    return write_campaign(tmp_path_factory.mktemp("csv") / "arm", Arm(), Arm(), recordings, {"mass_relative": 0.02})
+    return write_campaign(tmp_path_factory.mktemp("csv") / "arm", Arm(), recordings, {"mass_relative": 0.02})
 
 
 def write_hdf5(path, t_s, angles, speeds, torques):
@@ -116,7 +116,7 @@ def test_a_recording_that_changes_makes_another_campaign(campaign, tmp_path, kin
 
 @pytest.fixture(scope="module")
 def longer(tmp_path_factory):
-    return write_campaign(tmp_path_factory.mktemp("longer") / "arm", Arm(), Arm(), [record(Arm(), 3.0, 0)], {})
+    return write_campaign(tmp_path_factory.mktemp("longer") / "arm", Arm(), [record(Arm(), 3.0, 0)], {})
 
 
 @pytest.mark.slow
