@@ -158,6 +158,7 @@ def _mechanism(asked: Asked) -> "Diagnosis":
     """The diagnosis of a mechanism that MuJoCo simulates, and its model file with what was found."""
     from rfca_rig.campaign.experiment import read_experiment
     from rfca_rig.cli.progress import progress
+    from rfca_rig.diagnosis.experiment_design.mechanism_experiment import write_excitation
     from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
     from rfca_rig.mechanism.amend import write_amended_model
 
@@ -165,6 +166,11 @@ def _mechanism(asked: Asked) -> "Diagnosis":
         found = diagnose_mechanism(read_experiment(asked.paths[0]), bars.share, asked.without)
     diagnosis = _write_imported(found.diagnosis, asked)
     beyond = write_amended_model(found.plant, asked.out / "model.xml")
+    commands = asked.out / "next-commands.csv"
+    commands.unlink(missing_ok=True)  # of an earlier diagnosis
+    if found.excitation is not None:
+        write_excitation(commands, found.plant.mechanism, found.excitation)
+        typer.echo(f"{commands}: the proposed motion of the joints, and the commands that it takes", err=True)
     if beyond:
         typer.echo(f"{asked.out / 'model.xml'}: MJCF does not hold {', '.join(beyond)}; see diagnosis.json", err=True)
     return diagnosis

@@ -9,6 +9,7 @@ from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.data.windows import WINDOWS_OF_CONDITION
 from rfca_rig.diagnosis.decision.decide import decide
+from rfca_rig.diagnosis.experiment_design.mechanism_experiment import Excitation, propose_motion
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.mechanisms.nuisances import space_of_mechanism
@@ -25,10 +26,14 @@ from rfca_rig.nearest import suggestion
 
 @dataclass(frozen=True)
 class MechanismDiagnosis:
-    """The answer, and the mechanism with what it states: effects and nuisance parameters at their posterior means."""
+    """The answer, the mechanism with what it states, and what to record next, None where that is no motion.
+
+    Effects and nuisance parameters of `plant` are at their posterior means.
+    """
 
     diagnosis: Diagnosis
     plant: Plant
+    excitation: Excitation | None
 
 
 @algebra_on_one_thread()
@@ -64,11 +69,18 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
     found = search_models(make_dataset(problem.conditions, simulator), Parameterization(space), effects, progress)
     progress("summing up", 0.97)
     decision = decide(found)
-    if len(problem.conditions) < FEWEST_CONDITIONS:
+    enough = len(problem.conditions) >= FEWEST_CONDITIONS
+    if not enough:
         length_s = WINDOWS_OF_CONDITION * experiment.window_s
         decision = not_enough_data(found, f"{len(problem.conditions)} stretches of {length_s:g} s, {FEWEST_CONDITIONS} are needed")
     result = build_result(experiment.title, found, decision, effects, MECHANISMS)
     settings = {"window_s": experiment.window_s, "bin_s": experiment.bin_s, "step_s": simulator.step_s, "integrator": "RK4"}
     stated = decision.explanation if result.found_effects else found.nothing
     plant = simulator.plant(stated.fitted.coordinates.supposed(stated.marginal.posterior.mean))
-    return MechanismDiagnosis(replace(result, settings={**result.settings, **settings}), plant)
+    following = propose_motion(problem, simulator, found, decision, enough)
+    result = replace(
+        result,
+        settings={**result.settings, **settings},
+        next_experiment=None if following is None else following.proposal,
+    )
+    return MechanismDiagnosis(result, plant, None if following is None else following.excitation)

@@ -42,11 +42,14 @@ class MechanismProblem:
         A few windows of each run together.
     usual
         What the recordings show of each joint.
+    torque
+        (n,) the torques of which USUAL_ERROR is the usual error of the model in each joint.
     """
 
     nominal: MechanismSimulator
     conditions: tuple[Motions, ...]
     usual: UsualMotion
+    torque: Floats
 
 
 def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProblem:
@@ -82,7 +85,7 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     torque = usual.torque * experiment.known_to.get("torque_error_relative", USUAL_ERROR) / USUAL_ERROR
     simulator = MechanismSimulator(mechanism, STEP_OF_ERRORS_S, columns, {})
     plant = simulator.plant(MechanismInput())
-    corrected = [[_correct(window, simulator, plant, torque) for window in of_run] for of_run in cut]
+    corrected = [[correct_window(window, simulator, plant, torque) for window in of_run] for of_run in cut]
     step_s = choose_step(simulator, [each for of_run in corrected for each in of_run])
     conditions = []
     for run, of_run in zip(experiment.runs, corrected, strict=True):
@@ -90,7 +93,7 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
             first, last = part[0].window, part[-1].window
             name = f"{run.label}, {first.start_s:.1f} to {last.start_s + last.t_s[-1]:.1f} s"
             conditions.append(Motions(name, run.condition, signals, tuple(part)))
-    return MechanismProblem(replace(simulator, step_s=step_s), tuple(conditions), usual)
+    return MechanismProblem(replace(simulator, step_s=step_s), tuple(conditions), usual, torque)
 
 
 def choose_step(simulator: MechanismSimulator, windows: Sequence[CorrectedWindow]) -> float:
@@ -186,8 +189,8 @@ def _cut(run: MechanismRun, experiment: Experiment, mechanism: Mechanism, column
     return windows
 
 
-def _correct(window: Window, simulator: MechanismSimulator, plant: Plant, torque: Floats) -> CorrectedWindow:
-    """The window with what errors of its start and of the torques do to its rows; `plant` is the nominal one."""
+def correct_window(window: Window, simulator: MechanismSimulator, plant: Plant, torque: Floats) -> CorrectedWindow:
+    """The window with what errors of its start and of the torques (n,) do to its rows; `plant` is the nominal one."""
     joints = len(simulator.mechanism.joints)
 
     def half_difference(ahead: Floats, behind: Floats) -> Floats:

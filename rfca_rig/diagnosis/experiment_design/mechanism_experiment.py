@@ -1,0 +1,167 @@
+"""The next experiment on a mechanism: its joints follow sines, within the positions, speeds and commands that were recorded.
+
+Every joint needs a motor of its own. A controller tracks the reference; what is compared are the windows of the recording, each with the
+commands of the most probable hypothesis as feed-forward.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.decision.decide import Decision
+from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, Design, list_options, propose
+from rfca_rig.diagnosis.experiment_design.open_hypotheses import list_open_hypotheses
+from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
+from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, correct_window
+from rfca_rig.diagnosis.mechanisms.windows import MechanismSimulator, Motions
+from rfca_rig.mechanism.feed_forward import compute_feed_forward, has_torque_motors
+from rfca_rig.mechanism.load import Mechanism
+from rfca_rig.mechanism.rollout import CommandTrace
+from rfca_rig.recording.atomic import write_atomically
+
+Floats = NDArray[np.float64]
+
+REPEATS = (1, 2)  # a recording holds several windows already
+SECONDS = 6.0  # of a recording
+RISE_S = 1.0  # in which a sine grows from rest
+STEP_S = 2e-3  # of the commands
+ALL = "all joints"
+TRAVELS = (0.3, 1.0)  # shares of half the range that a joint travelled
+SPEEDS = (0.15, 0.6, 1.4)  # shares of its rms speed: stick and slip, usual motion, and the peak of a sine as fast as that
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """What to do next: times (m,), the reference of the joints (m, n) in rad or m, and the feed-forward of the actuators (m, u)."""
+
+    t_s: Floats
+    reference: Floats
+    command: Floats
+
+
+@dataclass(frozen=True)
+class NextMotion:
+    """The proposal as the diagnosis states it, with its excitation where the mechanism moves for it."""
+
+    proposal: dict[str, object]
+    excitation: Excitation | None
+
+
+def propose_motion(
+    problem: MechanismProblem, simulator: MechanismSimulator, found: ModelSelectionResult, decision: Decision, enough: bool
+) -> NextMotion | None:
+    """What to record or to measure next; None where nothing is open or nothing would help.
+
+    Parameters
+    ----------
+    problem
+        The recordings.
+    simulator
+        With all effects.
+    found, decision
+        The search and its decision.
+    enough
+        Whether there were enough conditions for a verdict.
+    """
+    hypotheses = list_open_hypotheses(found, decision, enough)
+    if hypotheses is None:
+        return None
+    designs = list(_designs(problem, simulator)) if has_torque_motors(simulator.mechanism) else []
+    proposal = propose(list(list_options(hypotheses, designs, enough)))
+    if proposal is None:
+        return None
+    if proposal["kind"] != "sine":
+        return NextMotion(proposal, None)
+    first = hypotheses.open[0].fitted
+    joint = [*simulator.mechanism.joints, ALL].index(str(proposal["joint"]))
+    sine = _sine(problem, joint, float(str(proposal["travel_relative"])), float(str(proposal["frequency_Hz"])))
+    return NextMotion(proposal, _excite(simulator, first.coordinates.supposed(first.x), sine))
+
+
+def write_excitation(path: Path, mechanism: Mechanism, excitation: Excitation) -> None:
+    """Writes the reference of every joint and the feed-forward of every actuator over time as CSV; all or nothing."""
+    units = ["m" if slides else "rad" for slides in mechanism.is_slide]
+    names = ["t_s", *(f"{joint}_position_{unit}" for joint, unit in zip(mechanism.joints, units, strict=True))]
+    names += [f"{actuator}_command" for actuator in mechanism.actuators]
+    text = StringIO()
+    rows = np.column_stack([excitation.t_s, excitation.reference, excitation.command])
+    np.savetxt(text, rows, delimiter=",", header=",".join(names), comments="", fmt="%.8g")
+    write_atomically(path, text.getvalue().encode("utf-8"))
+
+
+def _designs(problem: MechanismProblem, simulator: MechanismSimulator) -> Iterator[Design]:
+    """Sines of each joint alone, and of all together."""
+    usual, names = problem.usual, simulator.mechanism.joints
+    half = 0.5 * (usual.highest - usual.lowest)
+    for joint in range(len(names) + (len(names) > 1)):
+        moving = [joint] if joint < len(names) else list(range(len(names)))
+        for travel in TRAVELS:
+            for speed in SPEEDS:
+                # of all together, the joint that is fastest for its travel keeps to its speed
+                f_Hz = float(f"{np.min(speed * usual.speed[moving] / (2.0 * np.pi * travel * half[moving])):.2g}")
+                if f_Hz * SECONDS < 0.5:
+                    continue  # less than half a period
+                who = names[joint] if joint < len(names) else ALL
+                words = f"move {who} along a sine over {100.0 * travel:.0f} % of the recorded range at {f_Hz:g} Hz for {SECONDS:g} s"
+                settings = {"kind": "sine", "joint": who, "travel_relative": travel, "frequency_Hz": f_Hz, "seconds": SECONDS}
+                yield _design(problem, simulator, settings, words, _sine(problem, joint, travel, f_Hz))
+
+
+def _sine(problem: MechanismProblem, joint: int, travel: float, frequency_Hz: float) -> tuple[Floats, Floats]:
+    """Times (m,) and reference (m, n): one joint, or for a number past the last all of them, about the middle of the recorded range."""
+    usual = problem.usual
+    joints = len(usual.lowest)
+    t_s = np.arange(0.0, SECONDS + STEP_S / 2.0, STEP_S)
+    grown = np.sin(0.5 * np.pi * np.minimum(t_s / RISE_S, 1.0)) ** 2
+    moving = np.ones(joints, dtype=bool) if joint == joints else np.arange(joints) == joint
+    # joints that move together differ in phase, so that their torques differ
+    phase = np.arange(joints) * np.pi / 3.0 if joint == joints else np.zeros(joints)
+    wave = np.sin(2.0 * np.pi * frequency_Hz * t_s[:, None] + phase) * grown[:, None]
+    middle, half = 0.5 * (usual.highest + usual.lowest), 0.5 * (usual.highest - usual.lowest)
+    return t_s, middle + travel * half * moving * wave
+
+
+def _excite(simulator: MechanismSimulator, at: MechanismInput, sine: tuple[Floats, Floats]) -> Excitation:
+    """The reference with the commands that it takes under a hypothesis."""
+    t_s, reference = sine
+    speed = np.gradient(reference, STEP_S, axis=0)
+    return Excitation(t_s, reference, compute_feed_forward(simulator.plant(at), reference, speed, np.gradient(speed, STEP_S, axis=0)))
+
+
+def _design(
+    problem: MechanismProblem, simulator: MechanismSimulator, settings: dict[str, object], words: str, sine: tuple[Floats, Floats]
+) -> Design:
+    """One recording; None under a hypothesis that needs larger commands than were recorded."""
+    like = problem.conditions[0]
+    window = like.windows[0].window
+    length_s = float(window.t_s[-1])
+    limited = simulator.mechanism.model.actuator_ctrllimited.astype(bool)
+    largest = np.where(limited, np.abs(simulator.mechanism.model.actuator_ctrlrange).min(axis=1), problem.usual.command)
+    nominal = problem.nominal.plant(MechanismInput())
+
+    def simulate(at: MechanismInput) -> Motions | None:
+        excitation = _excite(simulator, at, sine)
+        if (np.abs(excitation.command).max(axis=0) > largest).any():
+            return None
+        speed = np.gradient(excitation.reference, STEP_S, axis=0)
+        plant, windows = simulator.plant(at), []
+        for start in range(round(RISE_S / STEP_S), len(excitation.t_s) - round(length_s / STEP_S), round(length_s / STEP_S)):
+            start_s = float(excitation.t_s[start])
+            planned = replace(
+                window,
+                start_s=start_s,
+                since_s=start_s,
+                trace=CommandTrace(excitation.t_s - start_s, excitation.command),
+                position=excitation.reference[start],
+                speed=speed[start],
+            )
+            planned = replace(planned, measured=simulator.follow(plant, planned))
+            windows.append(correct_window(planned, problem.nominal, nominal, problem.torque))
+        return Motions(words, "next", like.signals, tuple(windows))
+
+    return Design(settings, words, SET_UP_MIN, 2.0 * SECONDS / 60.0, REPEATS, simulate)
