@@ -47,7 +47,10 @@ class MechanismRun:
 
 @dataclass(frozen=True)
 class Experiment:
-    """The model file, what was recorded of it, the standard uncertainties of [known_to], and the length of windows and of bins."""
+    """The model file, what was recorded of it, the standard uncertainties of [known_to], and the length of windows and of bins.
+
+    `most_windows` is how many windows are used at most.
+    """
 
     title: str
     path: Path
@@ -57,6 +60,7 @@ class Experiment:
     known_to: dict[str, float]
     window_s: float
     bin_s: float
+    most_windows: int
     runs: tuple[MechanismRun, ...]
 
 
@@ -80,6 +84,7 @@ def read_experiment(folder: Path) -> Experiment:
         known_to=described.known_to.model_dump(exclude_none=True),
         window_s=described.windows.length_s,
         bin_s=described.windows.bin_s,
+        most_windows=described.windows.at_most,
         runs=tuple(_read_run(folder, described, place) for place in range(len(described.recordings))),
     )
 

@@ -152,10 +152,14 @@ class KnownToMechanism(Section):
 
 
 class WindowsSection(Section):
-    """[windows]: recordings are cut into windows that the model simulates from the measured state, and into bins that are compared."""
+    """[windows]: recordings are cut into windows that the model simulates from the measured state, and into bins that are compared.
+
+    Of more windows than `at_most`, so many are used, evenly spread: the model's own error limits what more of them add, and time grows.
+    """
 
     length_s: Positive = 0.5
     bin_s: Positive = 0.05
+    at_most: Annotated[int, Field(ge=3)] = 48
 
     @model_validator(mode="after")
     def _holds_bins(self) -> Self:

@@ -89,6 +89,19 @@ def test_two_windows_are_not_enough_data(short):
     assert diagnosed(short).grade == "not enough data"
 
 
+def test_of_more_windows_than_asked_for_a_few_of_every_recording_are_used(tmp_path):
+    folder = campaign(tmp_path / "arm", NOMINAL, seconds=4.0)
+    experiment = read_experiment(folder)
+    mechanism = load_mechanism(experiment.model)
+    problem = make_problem(replace(experiment, most_windows=6), mechanism)
+    assert (problem.windows, problem.recorded_windows) == (6, 14)
+    starts = [[each.window.start_s for each in condition.windows] for condition in problem.conditions]
+    assert [len(of_run) for of_run in starts] == [3, 3]
+    assert [of_run[0] for of_run in starts] == pytest.approx([starts[0][0]] * 2)
+    assert starts[0][-1] - starts[0][0] == pytest.approx(3.0)
+    assert make_problem(experiment, mechanism).windows == 14
+
+
 def test_windows_lie_beside_what_the_model_says_of_them(short):
     experiment = read_experiment(short)
     problem = make_problem(experiment, load_mechanism(experiment.model))

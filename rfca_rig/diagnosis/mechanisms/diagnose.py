@@ -77,10 +77,12 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
     settings = {"window_s": experiment.window_s, "bin_s": experiment.bin_s, "step_s": simulator.step_s, "integrator": "RK4"}
     stated = decision.explanation if result.found_effects else found.nothing
     plant = simulator.plant(stated.fitted.coordinates.supposed(stated.marginal.posterior.mean))
+    fewer = f"{problem.windows} of {problem.recorded_windows} recorded windows were used, evenly spread; windows.at_most uses more"
     following = propose_motion(problem, simulator, found, decision, enough)
     result = replace(
         result,
-        settings={**result.settings, **settings},
+        remarks=(*result.remarks, *((fewer,) if problem.windows < problem.recorded_windows else ())),
+        settings={**result.settings, **settings, "windows": problem.windows},
         next_experiment=None if following is None else following.proposal,
     )
     return MechanismDiagnosis(result, plant, None if following is None else following.excitation)

@@ -17,6 +17,7 @@ from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data.windows import group
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.windows import CorrectedWindow, MechanismSimulator, Motions, Window
+from rfca_rig.diagnosis.simulator import spread
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import Plant
@@ -44,12 +45,16 @@ class MechanismProblem:
         What the recordings show of each joint.
     torque
         (n,) the torques of which USUAL_ERROR is the usual error of the model in each joint.
+    windows, recorded_windows
+        How many windows the conditions have together, and how many were recorded.
     """
 
     nominal: MechanismSimulator
     conditions: tuple[Motions, ...]
     usual: UsualMotion
     torque: Floats
+    windows: int
+    recorded_windows: int
 
 
 def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProblem:
@@ -65,6 +70,8 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     signals, columns = _signals(experiment, mechanism)
     places = [mechanism.actuator(name, str(experiment.path)) for name in experiment.actuators]
     cut = [_cut(run, experiment, mechanism, columns, places) for run in experiment.runs]
+    recorded = sum(len(of_run) for of_run in cut)
+    cut = [_thin(of_run, experiment.most_windows / max(recorded, 1)) for of_run in cut]
     windows = [window for of_run in cut for window in of_run]
     if not windows:
         needed_s = experiment.window_s + 2.0 * SMOOTHED_S
@@ -93,7 +100,12 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
             first, last = part[0].window, part[-1].window
             name = f"{run.label}, {first.start_s:.1f} to {last.start_s + last.t_s[-1]:.1f} s"
             conditions.append(Motions(name, run.condition, signals, tuple(part)))
-    return MechanismProblem(replace(simulator, step_s=step_s), tuple(conditions), usual, torque)
+    return MechanismProblem(replace(simulator, step_s=step_s), tuple(conditions), usual, torque, len(windows), recorded)
+
+
+def _thin(windows: list[Window], share: float) -> list[Window]:
+    """About this share of the windows of a run, evenly spread; all where it is 1 or more."""
+    return [windows[place] for place in spread(len(windows), max(1, round(share * len(windows))))]
 
 
 def choose_step(simulator: MechanismSimulator, windows: Sequence[CorrectedWindow]) -> float:
