@@ -6,6 +6,7 @@ into windows, and the model starts in each from the measured state, smoothed. An
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -247,19 +248,46 @@ def _trace(run: PendulumRun, start_s: float, window_s: float) -> TorqueTrace:
     return replace(torque_trace(t_s - start_s, torque), powered=run.powered)
 
 
+@dataclass(frozen=True)
+class LocalPolynomial:
+    """Positions near one moment as a polynomial in the time from there over `half_s`.
+
+    `coefficients` (DEGREE + 1, n) have standard deviations `std` (DEGREE + 1,) per unit of noise; `missed` (n,) is the rms that the
+    polynomial does not follow.
+    """
+
+    coefficients: Floats
+    std: Floats
+    missed: Floats
+    half_s: float
+
+    def derivative(self, order: int) -> Floats:
+        """(n,) at the moment itself: position, speed and acceleration for 0, 1 and 2."""
+        return np.asarray(factorial(order) * self.coefficients[order] / self.half_s**order)
+
+
+def local_polynomial(t_s: Floats, position: Floats, at_s: float) -> LocalPolynomial:
+    """The polynomial that fits the positions (m, n) around `at_s` best.
+
+    Where too few samples lie around it, as many as the polynomial needs are taken.
+    """
+    half_s = max(SMOOTHED_S, 0.5 * (DEGREE + 2) * float(np.median(np.diff(t_s))))
+    near = np.abs(t_s - at_s) <= half_s * (1.0 + 1e-9)
+    design = np.vander((t_s[near] - at_s) / half_s, DEGREE + 1, increasing=True)
+    solution = np.linalg.lstsq(design, position[near], rcond=None)[0]
+    missed = np.sqrt(np.mean((design @ solution - position[near]) ** 2, axis=0))
+    std = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
+    return LocalPolynomial(np.asarray(solution, dtype=np.float64), std, missed, half_s)
+
+
 def estimate_start(t_s: Floats, position: Floats, start_s: float, noise: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Position and speed (n,) at `start_s` by the polynomial that fits the positions (m, n) around it best, and how well they are known.
 
-    What the polynomial does not follow, as where dry friction reverses, counts as noise too. Where too few samples lie around the
-    start, as many as the polynomial needs are taken.
+    What the polynomial does not follow, as where dry friction reverses, counts as noise too.
     """
-    half_s = max(SMOOTHED_S, 0.5 * (DEGREE + 2) * float(np.median(np.diff(t_s))))
-    near = np.abs(t_s - start_s) <= half_s * (1.0 + 1e-9)
-    design = np.vander((t_s[near] - start_s) / half_s, DEGREE + 1, increasing=True)
-    solution = np.linalg.lstsq(design, position[near], rcond=None)[0]
-    missed = np.sqrt(np.mean((design @ solution - position[near]) ** 2, axis=0))
-    spread = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))[:, None] * np.maximum(noise, missed)
-    return solution[0], solution[1] / half_s, spread[0], spread[1] / half_s
+    local = local_polynomial(t_s, position, start_s)
+    spread = local.std[:, None] * np.maximum(noise, local.missed)
+    return local.derivative(0), local.derivative(1), spread[0], spread[1] / local.half_s
 
 
 def _start_effect(window: SwingWindow, ready: DrivenPendulum, angle_std: Floats, speed_std: Floats) -> Floats:
@@ -290,11 +318,11 @@ def bin_means(values: Floats, bins: Places) -> Floats:
 def sample_std(values: Floats) -> Floats:
     """Of one sample of each column of (m, n): from second differences, or from the steps in which an encoder counts, whichever is more."""
     from_neighbours = np.sqrt(np.mean(np.diff(values, 2, axis=0) ** 2, axis=0) / 6.0)
-    steps = np.array([_count(column) for column in values.T])
+    steps = np.array([smallest_step(column) for column in values.T])
     return np.asarray(np.maximum(np.maximum(from_neighbours, steps / np.sqrt(12.0)), 1e-9))
 
 
-def _count(values: Floats) -> float:
+def smallest_step(values: Floats) -> float:
     """The smallest step between neighbouring samples, the count of an encoder; 0 where nothing ever moves."""
     steps = np.abs(np.diff(values))
     moved = steps[steps > 0.0]

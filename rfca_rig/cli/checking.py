@@ -1,5 +1,6 @@
 """rfca-rig check"""
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -9,15 +10,26 @@ from rfca_rig.cli.options import Json
 
 
 def check(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of the run.")],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The folder of a run, or one with experiment.toml.")],
     as_json: Json = False,
 ) -> None:
     """Check a run on disk: every file by its hash, every stage by its counts, a line each. Exit code 2 where one is damaged.
 
+    Of recordings of a mechanism (experiment.toml): what can be used, how well the nominal model predicts, signs and units that are
+    probably wrong. Exit code 2 where something cannot be used.
+
     Example: rfca-rig check runs/REAL-flapping-001
     """
-    import json
+    from rfca_rig.campaign.opening import experiment_among
 
+    if experiment_among([folder]) is None:
+        _check_run(folder, as_json)
+    else:
+        _check_experiment(folder, as_json)
+
+
+def _check_run(run: Path, as_json: bool) -> None:
+    """Every file of a run."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import BadInput
     from rfca_rig.recording.checking import check_run
@@ -37,6 +49,32 @@ def check(
     damaged = [finding.file for finding in findings if not finding.is_sound]
     if damaged:
         raise BadInput(f"{run}: damaged: {', '.join(damaged)}; stage files that are sound can still make a run.h5: rfca-rig recover {run}")
+
+
+def _check_experiment(folder: Path, as_json: bool) -> None:
+    """Recordings of a mechanism, with its model."""
+    from rfca_rig.cli.lines import print_lines
+    from rfca_rig.diagnosis.mechanisms.check import check_experiment
+    from rfca_rig.errors import BadInput
+
+    rows, refused = [], None
+    try:
+        for line in check_experiment(folder):
+            rows.append(
+                {"about": line.about, "name": line.name, "warning": line.is_warning, "found": line.words, "values": dict(line.values)}
+            )
+            if not as_json:
+                print_lines([f"{'WARNING' if line.is_warning else 'ok     '} {line.about} {line.name}: {line.words}"], indent=" " * 8)
+    except BadInput as error:
+        refused = error
+    if as_json:
+        told = {"experiment": str(folder), "usable": refused is None, "lines": rows}
+        typer.echo(json.dumps(told if refused is None else {**told, "refused": str(refused)}, indent=1))
+    if refused is not None:
+        raise refused
+    if not as_json:
+        warnings = sum(bool(row["warning"]) for row in rows)
+        typer.echo(f"{folder}: can be used; {warnings} warning{'' if warnings == 1 else 's'}", err=True)
 
 
 def _size_MB(path: Path) -> float:

@@ -67,15 +67,14 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
-    signals, columns = _signals(experiment, mechanism)
+    signals, columns = match_signals(experiment, mechanism)
     places = [mechanism.actuator(name, str(experiment.path)) for name in experiment.actuators]
-    cut = [_cut(run, experiment, mechanism, columns, places) for run in experiment.runs]
+    cut = [cut_windows(run, experiment, mechanism, columns, places) for run in experiment.runs]
     recorded = sum(len(of_run) for of_run in cut)
     cut = [_thin(of_run, experiment.most_windows / max(recorded, 1)) for of_run in cut]
     windows = [window for of_run in cut for window in of_run]
     if not windows:
-        needed_s = experiment.window_s + 2.0 * SMOOTHED_S
-        raise BadInput(f"{experiment.path}: no recording is longer than {needed_s:g} s, which a window of {experiment.window_s:g} s needs")
+        raise BadInput(f"{experiment.path}: {_describe_no_window(experiment)}")
     usual = measure_usual_motion(
         mechanism,
         position=np.array([window.position for window in windows]),
@@ -139,8 +138,14 @@ def choose_step(simulator: MechanismSimulator, windows: Sequence[CorrectedWindow
     )
 
 
-def _signals(experiment: Experiment, mechanism: Mechanism) -> tuple[tuple[str, ...], NDArray[np.intp]]:
-    """Names and columns. Raises BadInput."""
+def match_signals(experiment: Experiment, mechanism: Mechanism) -> tuple[tuple[str, ...], NDArray[np.intp]]:
+    """Names of the signals, and the column of each in positions, speeds and sensors side by side.
+
+    Raises
+    ------
+    BadInput
+        Where a joint or sensor is not in the model, a unit does not suit, or the position of a joint is not measured.
+    """
     where, joints = str(experiment.path), len(mechanism.joints)
     names, columns = [], []
     for signal in experiment.signals:
@@ -163,17 +168,47 @@ def _signals(experiment: Experiment, mechanism: Mechanism) -> tuple[tuple[str, .
     return tuple(names), np.array(columns)
 
 
-def _cut(run: MechanismRun, experiment: Experiment, mechanism: Mechanism, columns: NDArray[np.intp], places: Sequence[int]) -> list[Window]:
-    """The windows of one run, without the errors of their starts."""
+def position_places(columns: NDArray[np.intp], joints: int) -> list[int]:
+    """Which signal holds the position of each joint."""
+    return [int(np.flatnonzero(columns == joint)[0]) for joint in range(joints)]
+
+
+def arrange_commands(run: MechanismRun, mechanism: Mechanism, places: Sequence[int]) -> Floats:
+    """The commands (m, u) of all actuators of the model, 0 where none was recorded; `places` are those of the recorded ones."""
+    commands = np.zeros((len(run.t_s), len(mechanism.actuators)))
+    commands[:, list(places)] = run.commands
+    return commands
+
+
+def window_starts(run: MechanismRun, experiment: Experiment) -> Floats:
+    """Where the windows of a run begin, those with gaps among them."""
+    return np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - experiment.window_s, experiment.window_s)
+
+
+def _describe_no_window(experiment: Experiment) -> str:
+    """Why no recording has a window that can be used."""
+    needed_s, longest_s = experiment.window_s + 2.0 * SMOOTHED_S, max(float(run.t_s[-1] - run.t_s[0]) for run in experiment.runs)
+    ask = "in [windows], or is the unit of the time another?"
+    if longest_s <= needed_s:
+        needs = f"no recording is longer than {needed_s:g} s, which a window of {experiment.window_s:g} s needs"
+        return f"{needs}; the longest has {longest_s:.3g} s: give a shorter length_s {ask}"
+    usual_s = min(float(np.median(np.diff(run.t_s))) for run in experiment.runs)
+    gap = f"every window has a gap longer than bin_s = {experiment.bin_s:g} s, as samples are {usual_s:.3g} s apart"
+    return f"{gap}: give a longer bin_s {ask}"
+
+
+def cut_windows(
+    run: MechanismRun, experiment: Experiment, mechanism: Mechanism, columns: NDArray[np.intp], places: Sequence[int]
+) -> list[Window]:
+    """The windows of one run that have no gap, without the errors of their starts."""
     length_s, bin_s = experiment.window_s, experiment.bin_s
     stated = [signal.noise_std for signal in experiment.signals]
     noise = np.array([std or found for std, found in zip(stated, sample_std(run.signals), strict=True)])
-    of_joint = [int(np.flatnonzero(columns == joint)[0]) for joint in range(len(mechanism.joints))]
+    of_joint = position_places(columns, len(mechanism.joints))
     position, position_noise = run.signals[:, of_joint], noise[of_joint]
-    commands = np.zeros((len(run.t_s), len(mechanism.actuators)))
-    commands[:, list(places)] = run.commands
+    commands = arrange_commands(run, mechanism, places)
     windows = []
-    for start_s in np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - length_s, length_s):
+    for start_s in window_starts(run, experiment):
         inside = (run.t_s > start_s) & (run.t_s <= start_s + length_s)
         begin_s, end_s = max(run.t_s[0], start_s - MARGIN_S), min(run.t_s[-1], start_s + length_s + MARGIN_S)
         around = (run.t_s > start_s - MARGIN_S) & (run.t_s < start_s + length_s + MARGIN_S)

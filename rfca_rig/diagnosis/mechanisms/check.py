@@ -1,0 +1,164 @@
+"""`check_experiment`: whether recordings of a mechanism can be used, and what is probably wrong with them, a line each."""
+
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rfca_rig.analysis.swings import SMOOTHED_S
+from rfca_rig.campaign.experiment import Experiment, read_experiment
+from rfca_rig.campaign.experiment_layout import ExperimentFile
+from rfca_rig.description.toml import read_toml
+from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
+from rfca_rig.diagnosis.data.observations import rms
+from rfca_rig.diagnosis.data.windows import WINDOWS_OF_CONDITION
+from rfca_rig.diagnosis.mechanisms.column_checks import CheckLine, check_commands, check_corrections, check_signals, check_speeds
+from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, cut_windows, make_problem, match_signals, window_starts
+from rfca_rig.diagnosis.mechanisms.readings import Correction, find_corrections
+from rfca_rig.diagnosis.mechanisms.speeds import compare_speeds
+from rfca_rig.diagnosis.mechanisms.states import estimate_states
+from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.mechanism.load import Mechanism, load_mechanism
+from rfca_rig.mechanism.nuisances import NUISANCES, OF_COMMANDS, places_of
+from rfca_rig.mechanism.torque_balance import States, balance_torques
+
+BALANCED = 0.3  # imbalance of a joint up to which its sign is right
+
+
+def check_experiment(folder: Path) -> Iterator[CheckLine]:
+    """What the description, the model and the recordings in a folder are, and what is probably wrong with them, a line each.
+
+    Parameters
+    ----------
+    folder
+        With experiment.toml.
+
+    Raises
+    ------
+    BadInput
+        For the first thing that cannot be used.
+    """
+    experiment = read_experiment(folder)
+    described = read_toml(experiment.path, ExperimentFile)
+    mechanism = load_mechanism(experiment.model)
+    yield _describe_model(mechanism)
+    yield from _check_windows(experiment, mechanism)
+    ratios = compare_speeds(experiment)
+    yield from check_signals(described, experiment, ratios)
+    states = estimate_states(experiment, mechanism)
+    shares = _imbalances(mechanism, states)
+    yield from (CheckLine("balance", name, _describe_balance(share), values={"imbalance": share}) for name, share in shares.items())
+    corrections = find_corrections(described, mechanism, states, ratios)
+    yield from check_corrections(corrections)
+    factors = np.ones(len(mechanism.joints))
+    for correction in corrections:
+        states, factors = correction.reading.apply(states), factors * correction.reading.position
+    corrected = {name for name, share in _imbalances(mechanism, states).items() if share < BALANCED}
+    yield from check_speeds(described, ratios, dict(zip(mechanism.joints, factors, strict=True)), corrected)
+    yield from check_commands(described, experiment, list(_gains(experiment, mechanism, states, corrections)))
+    yield from _check_priors(experiment, mechanism)
+    try:
+        problem = make_problem(experiment, mechanism)
+        is_read_right = not corrections and all(ratio.agrees for ratio in ratios.values())
+        upset = [name for name, share in shares.items() if share >= BALANCED and is_read_right]
+        yield from _check_prediction(problem, described, experiment, upset)
+    except SimulationFailed as error:
+        said = str(error).removeprefix(f"{experiment.model}: ")
+        raise BadInput(f"{experiment.model}: the nominal model cannot be simulated from the recorded states: {said}") from None
+    step_ms = 1e3 * problem.nominal.step_s
+    words = f"Runge-Kutta with steps of {step_ms:g} ms, whose error is below a tenth of noise and usual model error"
+    yield CheckLine("integrator", "step", words, values={"step_s": problem.nominal.step_s})
+    yield _check_conditions(problem)
+
+
+def _describe_model(mechanism: Mechanism) -> CheckLine:
+    joints = [f"{'slide' if slides else 'hinge'} {name}" for name, slides in zip(mechanism.joints, mechanism.is_slide, strict=True)]
+    masses = mechanism.model.body_mass[1:]
+    bodies = [f"{name} {mass:.3g} kg" for name, mass in zip(mechanism.bodies, masses, strict=True) if mass > 0.0]
+    words = f"{', '.join(joints)}; actuators {', '.join(mechanism.actuators) or 'none'}; bodies {', '.join(bodies)}"
+    return CheckLine("model", mechanism.path.name, words, values={"mass_kg": float(masses.sum())})
+
+
+def _check_windows(experiment: Experiment, mechanism: Mechanism) -> Iterator[CheckLine]:
+    """A line per recording, and a warning where a part of it cannot be used."""
+    _, columns = match_signals(experiment, mechanism)
+    places = [mechanism.actuator(name, str(experiment.path)) for name in experiment.actuators]
+    for run in experiment.runs:
+        steps_s, all_windows = np.diff(run.t_s), len(window_starts(run, experiment))
+        used = len(cut_windows(run, experiment, mechanism, columns, places))
+        length_s, rate_Hz, gap_s = float(run.t_s[-1] - run.t_s[0]), 1.0 / float(np.median(steps_s)), float(steps_s.max())
+        words = f"{length_s:.4g} s at {rate_Hz:.4g} Hz, largest gap {1e3 * gap_s:.3g} ms, "
+        words += f"{used} of {all_windows} windows of {experiment.window_s:g} s can be used{'' if run.driven else ', not driven'}"
+        values = {"length_s": length_s, "rate_Hz": rate_Hz, "largest_gap_s": gap_s, "windows": all_windows, "usable_windows": used}
+        yield CheckLine("recording", run.label, words, values=values)
+        if not all_windows:
+            needed_s = experiment.window_s + 2.0 * SMOOTHED_S
+            yield CheckLine("recording", run.label, f"too short for a window, which needs {needed_s:g} s; it is not used", is_warning=True)
+        elif used < all_windows:
+            said = f"{all_windows - used} windows hold a gap of more than bin_s = {experiment.bin_s:g} s and are not used; "
+            yield CheckLine("recording", run.label, f"{said}a longer bin_s in [windows] allows gaps", is_warning=True)
+
+
+def _imbalances(mechanism: Mechanism, states: States) -> dict[str, float]:
+    """The imbalance of each joint; none without states."""
+    if not len(states.position):
+        return {}
+    return dict(zip(mechanism.joints, balance_torques(mechanism, states).imbalance.tolist(), strict=True))
+
+
+def _describe_balance(share: float) -> str:
+    return f"inertia, weight and drive of the model balance in the recorded motion to {100.0 * share:.2g} %"
+
+
+def _gains(
+    experiment: Experiment, mechanism: Mechanism, states: States, corrections: Sequence[Correction]
+) -> Iterator[tuple[float, float]]:
+    """For each command as it is stated gain and correlation; the states are corrected ones."""
+    balance = balance_torques(mechanism, states)
+    for name in experiment.actuators:
+        place = mechanism.actuators.index(name)
+        factor = float(np.prod([correction.reading.command[place] for correction in corrections]))
+        gain, correlation = balance.gain(place)
+        yield gain * factor, correlation * float(np.sign(factor))
+
+
+def _check_priors(experiment: Experiment, mechanism: Mechanism) -> Iterator[CheckLine]:
+    """How many nuisance parameters [known_to] makes, and the keys that make none."""
+    is_driven = any(run.driven for run in experiment.runs)
+    count = len(space_of_mechanism(mechanism, experiment.known_to, is_driven).parameters)
+    yield CheckLine("known_to", "priors", f"{count} nuisance parameters", values={"parameters": count})
+    for key in experiment.known_to:
+        if key in NUISANCES and not places_of(mechanism, NUISANCES[key].objects):
+            yield CheckLine("known_to", key, f"the model has no {NUISANCES[key].objects}; remove it", is_warning=True)
+        elif key in OF_COMMANDS and not is_driven:
+            yield CheckLine("known_to", key, "no recording is driven, so that it changes nothing; remove it", is_warning=True)
+
+
+def _check_prediction(
+    problem: MechanismProblem, described: ExperimentFile, experiment: Experiment, upset: Collection[str]
+) -> Iterator[CheckLine]:
+    """How far the nominal model is off in each signal; a warning where that is more than the position of a joint in `upset` changes."""
+    simulator, plant = problem.nominal, problem.nominal.plant(MechanismInput())
+    windows = [each for condition in problem.conditions for each in condition.windows]
+    measured = [each.window.measured for each in windows]
+    misses = [m - each.move_start(simulator.follow(plant, each.window)) for m, each in zip(measured, windows, strict=True)]
+    starts = [np.concatenate([each.window.position, each.window.speed])[simulator.columns] for each in windows]
+    changes = [m - start[:, None] for m, start in zip(measured, starts, strict=True)]
+    for place, signal in enumerate(described.signals):
+        miss, change = (rms(np.concatenate([each[place] for each in of_all])) / abs(signal.factor) for of_all in (misses, changes))
+        words = f"the nominal model misses it by {miss:.3g} {signal.unit} (rms) over windows of {experiment.window_s:g} s, "
+        words += f"in which it changes by {change:.3g} {signal.unit}"
+        yield CheckLine("prediction", signal.column, words, values={"miss": miss, "change": change})
+        if miss > change and signal.quantity == "position" and signal.joint in upset:
+            said = "that is worse than no motion at all; correct the model of this joint, or its columns"
+            yield CheckLine("prediction", signal.column, said, is_warning=True)
+
+
+def _check_conditions(problem: MechanismProblem) -> CheckLine:
+    """Whether there are enough stretches for a diagnosis."""
+    count, values = len(problem.conditions), {"conditions": len(problem.conditions)}
+    words = f"{count} stretches of about {WINDOWS_OF_CONDITION} windows, each predicted from the others"
+    if count < FEWEST_CONDITIONS:
+        return CheckLine("diagnosis", "conditions", f"{words}; diagnose needs {FEWEST_CONDITIONS}: record more", True, values)
+    return CheckLine("diagnosis", "conditions", words, values=values)

@@ -1,0 +1,146 @@
+"""Whether a speed column is the derivative of the position column beside it, and what to write into experiment.toml where it is not."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.swings import sample_std
+from rfca_rig.campaign.experiment import Experiment, MechanismRun
+from rfca_rig.campaign.experiment_layout import (
+    ANGLE_SPEED_UNITS,
+    ANGLE_UNITS,
+    LENGTH_UNITS,
+    SPEED_UNITS,
+    TIME_UNITS,
+    CommandSection,
+    ExperimentFile,
+    SignalSection,
+)
+
+Floats = NDArray[np.float64]
+
+FOLLOWS = 0.9  # correlation from which a ratio of two columns means something
+WELL_ABOVE_NOISE = 4.0  # mean square of a motion over that of its noise, below which columns are not compared
+FEWEST_BINS = 10  # of a recording, also where its time is in another unit than stated
+OFF = 0.1  # share by which a ratio may differ from 1: speeds are filtered, and clocks are uneven
+
+
+@dataclass(frozen=True)
+class SpeedRatio:
+    """How many times the derivative of a position its speed is, as stated, and how well the two correlate.
+
+    `speed` and `position` are the places of the signals.
+    """
+
+    speed: int
+    position: int
+    ratio: float
+    correlation: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the speed is the derivative."""
+        return self.correlation > FOLLOWS and is_one(self.ratio)
+
+
+def find_wraps(experiment: Experiment, run: MechanismRun, place: int) -> NDArray[np.intp]:
+    """The samples of a signal behind which an angle jumps by more than half a turn."""
+    signal = experiment.signals[place]
+    if signal.is_speed or signal.is_distance:
+        return np.empty(0, dtype=np.intp)
+    return np.flatnonzero(np.abs(np.diff(run.signals[:, place])) > np.pi)
+
+
+def compare_speeds(experiment: Experiment) -> dict[int, SpeedRatio]:
+    """The ratio of each speed signal that has a position beside it, by its place; none where the angle wraps, or noise hides the motion."""
+    positions = {
+        signal.joint: place
+        for place, signal in enumerate(experiment.signals)
+        if not signal.is_speed and not any(find_wraps(experiment, run, place).size for run in experiment.runs)
+    }
+    pairs = [(k, positions[s.joint]) for k, s in enumerate(experiment.signals) if s.is_speed and s.joint in positions]
+    found = [_compare(experiment, speed, position) for speed, position in pairs]
+    return {one.speed: one for one in found if one is not None}
+
+
+def _compare(experiment: Experiment, speed: int, position: int) -> SpeedRatio | None:
+    """What noise adds to the mean squares is taken off."""
+    sums = np.sum([_travels(run, speed, position, experiment.bin_s) for run in experiment.runs], axis=0)
+    of_position, of_speed, product, noise_of_position, noise_of_speed = sums
+    if of_position <= WELL_ABOVE_NOISE * noise_of_position or of_speed <= WELL_ABOVE_NOISE * noise_of_speed:
+        return None
+    ratio = np.sign(product) * np.sqrt((of_speed - noise_of_speed) / (of_position - noise_of_position))
+    return SpeedRatio(speed, position, float(ratio), float(product / np.sqrt(of_position * of_speed)))
+
+
+def _travels(run: MechanismRun, speed: int, position: int, bin_s: float) -> Floats:
+    """Sums over the bins of a run: the squares of the travel by position and by speed, their product, and the squares of their noise.
+
+    Bins count samples, so that a time in another unit shows as a ratio.
+    """
+    columns, steps_s = run.signals[:, [position, speed]], np.diff(run.t_s)
+    usual_s = float(np.median(steps_s))
+    span = int(np.clip(round(bin_s / usual_s), 1, len(columns) // FEWEST_BINS))
+    integral = np.append(0.0, np.cumsum(0.5 * steps_s * (columns[1:, 1] + columns[:-1, 1])))
+    by_position, by_speed = np.diff(columns[::span, 0]), np.diff(integral[::span])
+    noise = sample_std(columns)
+    count = len(by_position)
+    return np.array(
+        [
+            by_position @ by_position,
+            by_speed @ by_speed,
+            by_position @ by_speed,
+            2.0 * count * noise[0] ** 2,
+            count * span * (usual_s * noise[1]) ** 2,
+        ]
+    )
+
+
+def is_one(ratio: float) -> bool:
+    """Whether a ratio is 1, as far as filters and clocks allow."""
+    return abs(ratio - 1.0) < OFF
+
+
+def list_fixes(described: ExperimentFile, found: SpeedRatio, ratio: float, position_is_right: bool) -> list[str]:
+    """What could be written into experiment.toml for a ratio to become 1; nothing where no unit and no sign does it.
+
+    Parameters
+    ----------
+    described
+        The description.
+    found
+        Which signals are compared.
+    ratio
+        How many times the derivative the speed is, after other corrections.
+    position_is_right
+        Whether the sign of the position is known to be right.
+    """
+    speed, position = described.signals[found.speed], described.signals[found.position]
+    if is_one(-ratio):
+        reversed_signals = [(found.speed, speed)] if position_is_right else [(found.speed, speed), (found.position, position)]
+        return [f"sign = {-one.sign} in {name_of('signals', place, one)}" for place, one in reversed_signals]
+    times = [f'unit = "{unit}" in [time]' for unit in _near(TIME_UNITS, TIME_UNITS[described.time.unit] / ratio)]
+    return [*_units(speed, found.speed, 1.0 / ratio), *_units(position, found.position, ratio), *times]
+
+
+def _units(signal: SignalSection, place: int, factor: float) -> Iterator[str]:
+    """The units of a signal that are `factor` times the stated one; of counts the number per turn."""
+    name = name_of("signals", place, signal)
+    if signal.counts_per_turn is not None:
+        yield f"counts_per_turn = about {float(f'{signal.counts_per_turn / factor:.3g}'):g} in {name}"
+        return
+    families = (ANGLE_SPEED_UNITS, SPEED_UNITS) if signal.quantity == "speed" else (ANGLE_UNITS, LENGTH_UNITS)
+    for family in families:
+        if signal.unit in family:
+            yield from (f'unit = "{unit}" in {name}' for unit in _near(family, family[signal.unit] * factor))
+
+
+def _near(units: dict[str, float], factor: float) -> list[str]:
+    return [unit for unit, of_unit in units.items() if abs(factor / of_unit - 1.0) < OFF]
+
+
+def name_of(table: str, place: int, section: SignalSection | CommandSection) -> str:
+    """As in "signals[2] (q2)"."""
+    return f"{table}[{place + 1}] ({section.column})"

@@ -1,0 +1,41 @@
+"""Positions, speeds and accelerations of the joints at moments of the recordings, from the recorded positions alone."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.swings import SMOOTHED_S, local_polynomial
+from rfca_rig.campaign.experiment import Experiment
+from rfca_rig.diagnosis.mechanisms.problem import arrange_commands, match_signals, position_places
+from rfca_rig.mechanism.load import Mechanism
+from rfca_rig.mechanism.torque_balance import States
+
+Floats = NDArray[np.float64]
+
+MOST_STATES = 400  # of all recordings together: enough for an rms and a picture
+
+
+def estimate_states(experiment: Experiment, mechanism: Mechanism) -> States:
+    """States at moments that are spread evenly over all recordings; none within a gap.
+
+    Raises
+    ------
+    BadInput
+        As `match_signals`, and where a command is of no actuator of the model.
+    """
+    _, columns = match_signals(experiment, mechanism)
+    positions = position_places(columns, len(mechanism.joints))
+    places = [mechanism.actuator(name, str(experiment.path)) for name in experiment.actuators]
+    total_s = sum(float(run.t_s[-1] - run.t_s[0]) for run in experiment.runs)
+    apart_s = max(experiment.bin_s, total_s / MOST_STATES)
+    derivatives, commands = [], []
+    for run in experiment.runs:
+        recorded, commanded = run.signals[:, positions], arrange_commands(run, mechanism, places)
+        for at_s in np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - SMOOTHED_S, apart_s):
+            near_s = run.t_s[np.abs(run.t_s - at_s) <= SMOOTHED_S]
+            if near_s.size > 1 and np.diff(near_s).max() <= experiment.bin_s:
+                local = local_polynomial(run.t_s, recorded, float(at_s))
+                derivatives.append([local.derivative(order) for order in range(3)])
+                commands.append([np.interp(at_s, run.t_s, column) for column in commanded.T])
+    shape = (len(derivatives), 3, len(mechanism.joints))
+    position, speed, acceleration = np.moveaxis(np.array(derivatives).reshape(shape), 1, 0)
+    return States(position, speed, acceleration, np.array(commands).reshape(len(commands), len(mechanism.actuators)))

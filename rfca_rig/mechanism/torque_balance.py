@@ -1,0 +1,101 @@
+"""Inverse dynamics of recorded states: the torques that the motion takes, beside those of the actuators."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.mechanism.load import Mechanism
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class States:
+    """Recorded states: `position`, `speed` and `acceleration` (k, n) of the joints, and `command` (k, u) of the actuators."""
+
+    position: Floats
+    speed: Floats
+    acceleration: Floats
+    command: Floats
+
+
+@dataclass(frozen=True)
+class TorqueBalance:
+    """Torques in the joints, or forces in slides, that a model gives for recorded states.
+
+    Parameters
+    ----------
+    inertial
+        (k, n) what accelerates the joints.
+    other
+        (k, n) weight, gyroscopic torques, springs, dampers, friction and contacts, as what holds against them; less what the actuators
+        make of a command of 0.
+    by_actuator
+        (k, u, n) what each command adds.
+    """
+
+    inertial: Floats
+    other: Floats
+    by_actuator: Floats
+
+    @property
+    def remainder(self) -> Floats:
+        """(k, n) what the motion takes beyond what the model has; all zero for a perfect model."""
+        return np.asarray(self.inertial + self.other - self.by_actuator.sum(axis=1))
+
+    @property
+    def imbalance(self) -> Floats:
+        """(n,) rms of the remainder over that of all parts together: 0 for a perfect model, 1 where they have nothing in common."""
+        parts = np.mean(self.inertial**2 + self.other**2 + self.by_actuator.sum(axis=1) ** 2, axis=0)
+        return np.asarray(np.sqrt(np.mean(self.remainder**2, axis=0) / np.maximum(parts, 1e-300)))
+
+    def gain(self, actuator: int) -> tuple[float, float]:
+        """The factor on the command of an actuator that balances best, and the correlation with what the motion takes of it; NaN where the
+        command is 0.
+        """
+        own = self.by_actuator[:, actuator]
+        needed = self.remainder + own
+        acts = own.any(axis=0)
+        product = float(np.sum(needed[:, acts] * own[:, acts]))
+        own_square, needed_square = float(np.sum(own[:, acts] ** 2)), float(np.sum(needed[:, acts] ** 2))
+        if own_square == 0.0 or needed_square == 0.0:
+            return np.nan, np.nan
+        return product / own_square, product / float(np.sqrt(own_square * needed_square))
+
+
+def balance_torques(mechanism: Mechanism, states: States) -> TorqueBalance:
+    """The torques of the nominal model in recorded states.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    states
+        The states, in SI units.
+
+    References
+    ----------
+    Featherstone, Rigid Body Dynamics Algorithms (2008), chapter 5: inverse dynamics.
+    """
+    import mujoco  # noqa: PLC0415  (optional)
+
+    model, data = mechanism.model, mujoco.MjData(mechanism.model)
+    shape = states.position.shape
+    inertial, other, by_actuator = np.empty(shape), np.empty(shape), np.empty((shape[0], model.nu, shape[1]))
+    for k in range(shape[0]):
+        data.qpos[:], data.qvel[:], data.qacc[:], data.ctrl[:] = states.position[k], states.speed[k], 0.0, 0.0
+        mujoco.mj_inverse(model, data)
+        still = data.qfrc_inverse.copy()
+        data.qacc[:] = states.acceleration[k]
+        mujoco.mj_inverse(model, data)
+        inertial[k] = data.qfrc_inverse - still
+        mujoco.mj_fwdActuation(model, data)
+        idle = data.qfrc_actuator.copy()
+        other[k] = still - idle
+        for actuator in range(model.nu):
+            data.ctrl[:] = 0.0
+            data.ctrl[actuator] = states.command[k, actuator]
+            mujoco.mj_fwdActuation(model, data)
+            by_actuator[k, actuator] = data.qfrc_actuator - idle
+    return TorqueBalance(inertial, other, by_actuator)
