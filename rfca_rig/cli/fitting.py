@@ -10,12 +10,13 @@ import typer
 from rfca_rig.cli.crews import Cluster, Told, asked_crew
 from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json
-from rfca_rig.cli.reporting import Shaft, refuse_for_pendulum
+from rfca_rig.cli.reporting import Shaft, refuse_leg_options
 from rfca_rig.cli.writable import out_file
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.fitting.result import FitResult
     from rfca_rig.crew.form import Crew
+    from rfca_rig.diagnosis.window_fit import WindowFit
 
 
 def fit(
@@ -23,8 +24,12 @@ def fit(
     parameters: Annotated[
         str, typer.Option("--parameters", metavar="NAME,...", help="What to fit; all that the section known_to lists if not given.")
     ] = "",
+    effects: Annotated[
+        str, typer.Option("--effects", metavar="NAME,...", help="Effects to put into the model of a mechanism, as joint_friction.")
+    ] = "",
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", callback=out_file, help="Write the fitted model to this .toml file.")
+        Path | None,
+        typer.Option("--out", metavar="FILE", callback=out_file, help="Write the fitted model: .toml; of a mechanism MJCF, .xml."),
     ] = None,
     shaft: Annotated[
         Shaft, typer.Option("--shaft", help="Simulate along the recorded turn, at the average measured speed, or as commanded.")
@@ -44,6 +49,8 @@ def fit(
 
     By default from 200 ms after touchdown to the valley, where the model meets a leg that lacks nothing to the noise.
 
+    Of a pendulum or a mechanism: the values that known_to lists, with errors on held-out conditions.
+
     Example: rfca-rig fit runs/SIM-table-ii-001 --parameters k0,friction --out model.toml
     """
     import numpy as np
@@ -53,14 +60,21 @@ def fit(
     from rfca_rig.analysis.fitting.parameters import named
     from rfca_rig.analysis.fitting.residuals import Window
     from rfca_rig.analysis.fitting.strokes import Comparison, fit_recordings
-    from rfca_rig.campaign.opening import open_with_belief, pendulum_among
+    from rfca_rig.campaign.opening import experiment_among, open_with_belief, pendulum_among
     from rfca_rig.cli.progress import progress
+    from rfca_rig.errors import BadInput
 
-    pendulum = pendulum_among(paths)
-    if pendulum is not None:
+    pendulum, mechanism = pendulum_among(paths), experiment_among(paths)
+    if effects and mechanism is None:
+        raise BadInput("--effects: is an option for recordings of a mechanism (experiment.toml); leave it out here")
+    if pendulum is not None or mechanism is not None:
         asked = {"--shaft": shaft != Shaft.recorded, "--phases": phases != "loading", "--after-touchdown": after_touchdown != 200.0}
-        refuse_for_pendulum({**asked, "--starts": starts != 1, "--cluster": cluster is not None})
+        refuse_leg_options({**asked, "--starts": starts != 1, "--cluster": cluster is not None})
+    if pendulum is not None:
         _fit_pendulum(pendulum, _names(parameters), out, as_json)
+        return
+    if mechanism is not None:
+        _fit_mechanism(mechanism, _names(parameters), _names(effects), out, as_json)
         return
     comparison = Comparison(shaft.value, Window(tuple(_names(phases)), 1e-3 * after_touchdown))
     named(_names(parameters))
@@ -81,16 +95,39 @@ def _fit_pendulum(folder: Path, names: list[str], out: Path | None, as_json: boo
     from rfca_rig.campaign.pendulum import read_pendulum_campaign
     from rfca_rig.campaign.pendulum_model import write_pendulum_model
     from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.pendulums.fit import fit_pendulum, fitted_known_to
+    from rfca_rig.diagnosis.pendulums.fit import PENDULUM_FIT, fit_pendulum, fitted_known_to
 
     campaign = read_pendulum_campaign(folder)
     with progress(quiet=as_json) as bars:
         found = fit_pendulum(campaign, bars.share, names)
     if out is not None:
-        comments = [f"Fitted to {folder} (IMPORT): {campaign.title}", *found.lines()]
-        write_pendulum_model(out, found.pendulum, fitted_known_to(campaign, found), comments)
+        comments = [f"Fitted to {folder} (IMPORT): {campaign.title}", *found.fit.lines()]
+        write_pendulum_model(out, found.pendulum, fitted_known_to(campaign, found.fit), comments)
+    _print_windows(found.fit, PENDULUM_FIT, folder, out, as_json)
+
+
+def _fit_mechanism(folder: Path, names: list[str], effects: list[str], out: Path | None, as_json: bool) -> None:
+    """The same of recordings of a mechanism, with effects that are named."""
+    from rfca_rig.campaign.experiment import read_experiment
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.diagnosis.mechanisms.fit import MECHANISM_FIT, fit_mechanism
+    from rfca_rig.errors import BadInput
+    from rfca_rig.mechanism.amend import write_amended_model
+
+    if out is not None and out.suffix != ".xml":
+        raise BadInput(f"{out}: the model of a mechanism is MJCF; name a file that ends with .xml")
+    with progress(quiet=as_json) as bars:
+        found = fit_mechanism(read_experiment(folder), bars.share, names, effects)
+    beyond = () if out is None else write_amended_model(found.plant, out)
+    if beyond:
+        typer.echo(f"{out}: MJCF does not hold {', '.join(beyond)}; see the fitted values", err=True)
+    _print_windows(found.fit, MECHANISM_FIT, folder, out, as_json)
+
+
+def _print_windows(found: "WindowFit", file_format: str, folder: Path, out: Path | None, as_json: bool) -> None:
+    """A fit to windows of recordings."""
     if as_json:
-        typer.echo(json.dumps(found.plain(), indent=1))
+        typer.echo(json.dumps(found.plain(file_format), indent=1))
         return
     print_lines(found.lines())
     if out is not None:

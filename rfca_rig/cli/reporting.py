@@ -49,17 +49,17 @@ def report(
     if pendulum is None:
         write(paths, out, shaft.value, as_json, quiet=as_json, model=model, pdf=pdf)
         return
-    refuse_for_pendulum({"--shaft": shaft != Shaft.average})
+    refuse_leg_options({"--shaft": shaft != Shaft.average})
     _write_pendulum(pendulum, out, as_json, model, pdf)
 
 
-def refuse_for_pendulum(given: Mapping[str, bool]) -> None:
-    """Raises BadInput for the first option that was given and says nothing of a pendulum."""
+def refuse_leg_options(given: Mapping[str, bool]) -> None:
+    """Raises BadInput for the first option that was given and is for a leg alone."""
     from rfca_rig.errors import BadInput
 
     for option, is_given in given.items():
         if is_given:
-            raise BadInput(f"{option}: is an option for recordings of a leg; leave it out for a pendulum")
+            raise BadInput(f"{option}: is an option for recordings of a leg; leave it out here")
 
 
 def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool) -> None:

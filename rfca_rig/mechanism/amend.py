@@ -1,5 +1,6 @@
 """The model file of a mechanism with what a diagnosis found, for the user's own tools."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,11 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
         pair.solref, pair.friction = model.pair_solref[pair.id], model.pair_friction[pair.id]
     spec.option.gravity = model.opt.gravity
     spec.compile()
+    # the file may stand in another folder than the meshes that it names
+    for kind, has_files in (("meshdir", bool(spec.meshes or spec.hfields or spec.skins)), ("texturedir", bool(spec.textures))):
+        if has_files:
+            assets = plant.mechanism.path.parent / getattr(spec, kind)
+            setattr(spec, kind, Path(os.path.relpath(assets, path.parent)).as_posix())
     write_atomically(path, spec.to_xml().encode("utf-8"))
     return tuple(words for words, is_there in _beyond_mjcf(plant) if is_there)
 

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from rfca_rig.campaign.pendulum import PendulumCampaign
-from rfca_rig.diagnosis.pendulums.fit import PendulumFit
+from rfca_rig.diagnosis.pendulums.fit import PENDULUM_FIT, PendulumFit
 from rfca_rig.report.diagnosis_pictures import pictures_of
 from rfca_rig.report.files import table_files, write_all
 from rfca_rig.report.named_units import words_and_unit
@@ -34,7 +34,7 @@ SHIFT_COLUMNS = (
 def write_pendulum_report(campaign: PendulumCampaign, fit: PendulumFit, out: Path, origin: Origin, model_file: str | None) -> None:
     """report.html, and its tables as CSV, LaTeX and JSON, into `out`. Raises RigError where the disk refuses."""
     tables = (_error_table(fit), _shift_table(fit))
-    contents = {JSON_FILE: json.dumps({"title": campaign.title, **fit.plain()}, indent=1) + "\n", **table_files(tables)}
+    contents = {JSON_FILE: json.dumps({"title": campaign.title, **fit.fit.plain(PENDULUM_FIT)}, indent=1) + "\n", **table_files(tables)}
     page = template("pendulum.html").render(
         sheets=(),
         origin=origin,
@@ -42,7 +42,7 @@ def write_pendulum_report(campaign: PendulumCampaign, fit: PendulumFit, out: Pat
         title=campaign.title,
         nominal=f"the model file {model_file}" if model_file else "pendulum.toml",
         tables=tables,
-        pictures=pictures_of(fit.overlays),
+        pictures=pictures_of(fit.fit.overlays),
     )
     write_all(out, {PAGE: page, **contents})
 
@@ -50,7 +50,7 @@ def write_pendulum_report(campaign: PendulumCampaign, fit: PendulumFit, out: Pat
 def _error_table(fit: PendulumFit) -> Table:
     caption = "Rms of measured less simulated. Each window of 0.5 s is simulated from the measured state at its start. "
     caption += "Held-out: each stretch of about 2 s is predicted with values fitted to all others."
-    return Table("pendulum-errors", caption, ERROR_COLUMNS, tuple(_error_row(error.__dict__) for error in fit.errors))
+    return Table("pendulum-errors", caption, ERROR_COLUMNS, tuple(_error_row(error.__dict__) for error in fit.fit.errors))
 
 
 def _error_row(error: dict[str, str | float | None]) -> Row:
@@ -60,4 +60,4 @@ def _error_row(error: dict[str, str | float | None]) -> Row:
 
 def _shift_table(fit: PendulumFit) -> Table:
     caption = "Shift of each nominal value that fits all runs best, ± one standard deviation; its unit is the end of its name."
-    return Table("pendulum-values", caption, SHIFT_COLUMNS, tuple(Row(dict(shift.__dict__)) for shift in fit.shifts))
+    return Table("pendulum-values", caption, SHIFT_COLUMNS, tuple(Row(dict(shift.__dict__)) for shift in fit.fit.shifts))

@@ -107,12 +107,12 @@ def test_report_shows_every_run_with_its_errors(say, tmp_path):
 def test_only_the_parameters_that_are_named_are_fitted():
     campaign = read_pendulum_campaign(SIMPLE)
     found = fit_pendulum(campaign, lambda *_: None, ["link1.torque_delay_s"])
-    (shift,) = found.shifts
+    (shift,) = found.fit.shifts
     assert shift.name == "link1.torque_delay_s" and shift.prior_std == 0.004
     link, nominal = found.pendulum.links[0], campaign.pendulum.links[0]
     assert link.torque_delay_s == pytest.approx(shift.value) and link.mass_kg == nominal.mass_kg
-    assert {error.signal for error in found.errors} == {"angle1_rad", "speed1_rad_s"}
-    assert all(np.isfinite(overlay.after).all() and overlay.t_s[0] < overlay.t_s[-1] for overlay in found.overlays)
+    assert {error.signal for error in found.fit.errors} == {"angle1_rad", "speed1_rad_s"}
+    assert all(np.isfinite(overlay.after).all() and overlay.t_s[0] < overlay.t_s[-1] for overlay in found.fit.overlays)
 
 
 def test_a_model_file_of_other_links_is_refused(say, tmp_path):

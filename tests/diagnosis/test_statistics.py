@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 from rfca_rig.diagnosis.data.observations import Label, Observations, stacked
 from rfca_rig.diagnosis.leg.strokes import dynamic_label
 from rfca_rig.diagnosis.likelihood.covariance import AtError, basis_of, discrepancy, factored
-from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals, products_without
+from rfca_rig.diagnosis.likelihood.cross_validation import jackknife_std, loo_residuals, products_without
 from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior, laplace_posteriors
 
 
@@ -162,6 +162,14 @@ def test_a_condition_is_foretold_as_by_a_fit_to_the_others_alone():
         out = rows.condition == number
         mean = laplace_posterior(linear.kept(~out), factored(covariance[np.ix_(~out, ~out)])).mean
         assert apart[out] == pytest.approx(linear.target[out] - linear.jacobian[out] @ mean, abs=1e-9)
+
+
+def test_without_unknowns_a_condition_is_foretold_as_nothing():
+    rows = small_rows(conditions=3)
+    whitening = AtError(basis_of(rows, np.empty((len(rows.measured), 0))), 0.02)
+    linear = Linear(rows.measured, np.empty((len(rows.measured), 0)))
+    assert loo_residuals(linear, whitening, rows.condition, range(3)) == pytest.approx(rows.measured)
+    assert jackknife_std(linear, whitening, rows.condition).shape == (0,)
 
 
 def test_products_without_some_rows_are_those_of_the_others_alone():

@@ -80,6 +80,17 @@ def test_a_real_pendulum_is_said_to_dissipate_through_this_simulator_too(tmp_pat
     assert min(removed) > 0.6
 
 
+@pytest.mark.slow
+def test_recordings_are_diagnosed_where_all_nominal_values_count_as_exact(tmp_path):
+    put_together("simple", read_sets()["simple"], tmp_path)
+    text = (tmp_path / "experiment.toml").read_text(encoding="utf-8")
+    before, _, after = text.partition("[known_to]")
+    (tmp_path / "experiment.toml").write_text(before + after[after.index("[[recordings]]") :], encoding="utf-8")
+    found = diagnosed(tmp_path)
+    assert not found.believed_values
+    assert "joint_friction" in {effect.id for effect in found.effects}
+
+
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
     return campaign(tmp_path_factory.mktemp("short") / "arm", NOMINAL, seconds=1.4, seeds=(0,))

@@ -269,3 +269,18 @@ def test_what_mjcf_does_not_hold_is_named(mechanism, tmp_path):
     plant = effects["joint_load_friction"].apply(plant, {p.name: 0.1 for p in effects["joint_load_friction"].parameters})
     beyond = write_amended_model(plant, tmp_path / "model.xml")
     assert beyond == ("friction that grows with load", "delay, lag or clock of the commands")
+
+
+def test_the_amended_model_finds_its_meshes_from_another_folder(tmp_path):
+    (tmp_path / "rig" / "shapes").mkdir(parents=True)
+    corners = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\n"
+    (tmp_path / "rig" / "shapes" / "a.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n", encoding="utf-8")
+    (tmp_path / "rig" / "model.xml").write_text(
+        '<mujoco><compiler meshdir="shapes"/><asset><mesh name="a" file="a.obj"/></asset><worldbody><body><joint name="j"/>'
+        '<geom type="mesh" mesh="a" density="1000"/></body></worldbody></mujoco>',
+        encoding="utf-8",
+    )
+    plain = load_mechanism(tmp_path / "rig" / "model.xml")
+    (tmp_path / "out").mkdir()
+    write_amended_model(make_plant(plain, 1e-3), tmp_path / "out" / "model.xml")
+    assert load_mechanism(tmp_path / "out" / "model.xml").model.body_mass == pytest.approx(plain.model.body_mass, rel=1e-4)

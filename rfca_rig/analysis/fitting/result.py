@@ -1,6 +1,6 @@
 """What a fit found, and how far it can be believed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +13,24 @@ from rfca_rig.analysis.fitting.space import Space
 Floats = NDArray[np.float64]
 
 HIGH_CORRELATION = 0.9
+
+
+def correlation_of(covariance: Floats) -> Floats:
+    """Correlations (p, p) of a covariance."""
+    std = np.sqrt(np.diag(covariance))
+    return np.asarray(covariance / np.outer(std, std))
+
+
+def correlated_pairs(names: Sequence[str], covariance: Floats) -> list[tuple[str, str, float]]:
+    """Pairs of parameters that recordings can hardly tell apart: correlated above HIGH_CORRELATION."""
+    correlation = correlation_of(covariance)
+    pairs = [(i, j) for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > HIGH_CORRELATION]
+    return [(names[j], names[i], float(correlation[i, j])) for i, j in pairs]
+
+
+def describe_pair(pair: tuple[str, str, float]) -> str:
+    """One of these pairs in words."""
+    return f"{pair[0]} and {pair[1]} are correlated to {pair[2]:+.2f}: the recordings hardly tell them apart"
 
 
 @dataclass(frozen=True)
@@ -95,14 +113,11 @@ class FitResult:
     @property
     def correlation(self) -> Floats:
         """Of the parameters' errors, (p, p)."""
-        std = np.sqrt(np.diag(self.covariance))
-        return np.asarray(self.covariance / np.outer(std, std))
+        return correlation_of(self.covariance)
 
     def high_correlations(self) -> list[tuple[str, str, float]]:
-        """Pairs that the recordings can hardly tell apart, correlated above 0.9."""
-        names, correlation = self.space.names, self.correlation
-        pairs = [(i, j) for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > HIGH_CORRELATION]
-        return [(names[j], names[i], float(correlation[i, j])) for i, j in pairs]
+        """Pairs that the recordings can hardly tell apart."""
+        return correlated_pairs(self.space.names, self.covariance)
 
     def plain(self) -> dict[str, Any]:
         """Everything as plain data, for JSON."""
@@ -131,7 +146,7 @@ class FitResult:
             f"chi2 {self.chi2_before:.0f} -> {self.chi2:.0f} for {self.residuals} values of {self.strokes} strokes; {self.errors_from}",
             *([f"from stroke to stroke: {_deviations(self.scatter)}"] if self.scatter else []),
             *(f"{c}: rms {self.rms_before[c]:.3g} -> {self.rms[c]:.3g}, noise {self.noise[c]:.3g}" for c in self.rms),
-            *(f"{a} and {b} are correlated to {c:+.2f}: the recordings hardly tell them apart" for a, b, c in self.high_correlations()),
+            *map(describe_pair, self.high_correlations()),
             *(f"{p.name} is at its bound: look for something that the model lacks" for p in self.parameters if p.at_bound),
             *([f"{self.starts.agreeing} of {self.starts.count} starts agree"] if self.starts.count > 1 else []),
             *([] if self.converged else ["the solver had not converged when it stopped"]),

@@ -17,7 +17,7 @@ from rfca_rig.diagnosis.decision.comparison import Comparison
 from rfca_rig.diagnosis.decision.detection_limits import size_parameter, without_effect
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, std_of, value_of
-from rfca_rig.diagnosis.likelihood.cross_validation import loo_estimates
+from rfca_rig.diagnosis.likelihood.cross_validation import jackknife_std
 from rfca_rig.diagnosis.result import Value
 from rfca_rig.model.effect import Parameter
 
@@ -65,8 +65,4 @@ def _open_by(term: EffectTerm, parameter: Parameter, value: float, law: float, h
 def _jackknife_std(comparison: Comparison, hypothesis: Hypothesis) -> Floats:
     """Standard deviation of all unknowns by leaving one condition out at a time, (p,)."""
     rows = comparison.result.dataset.rows
-    count = int(rows.condition.max()) + 1
-    if count < 3:
-        return np.zeros(len(hypothesis.fitted.x))
-    means = loo_estimates(hypothesis.fitted.linear(rows.measured), hypothesis.marginal.whitening, rows.condition, range(count))
-    return np.asarray(np.sqrt((count - 1) * np.var(means, axis=0)))
+    return jackknife_std(hypothesis.fitted.linear(rows.measured), hypothesis.marginal.whitening, rows.condition)

@@ -162,6 +162,6 @@ def _design(
             )
             planned = replace(planned, measured=simulator.follow(plant, planned))
             windows.append(correct_window(planned, problem.nominal, nominal, problem.torque))
-        return Motions(words, "next", like.signals, tuple(windows))
+        return Motions(words, "next", words, like.signals, tuple(windows))
 
     return Design(settings, words, SET_UP_MIN, 2.0 * SECONDS / 60.0, REPEATS, simulate)

@@ -57,7 +57,7 @@ class MapFit:
     @property
     def farthest(self) -> float:
         """How many prior deviations off the nuisance stands that is farthest from where it is believed."""
-        return float(np.abs(self.x[: self.coordinates.nuisances]).max())
+        return float(np.abs(self.x[: self.coordinates.nuisances]).max(initial=0.0))
 
     @property
     def as_believed(self) -> Floats:
@@ -123,7 +123,8 @@ class GaussNewton:
 
     def _with_new_slopes(self, here: MapFit) -> MapFit:
         columns = self._columns(here.coordinates, here.x, here.predicted, dict(enumerate(_widths(here.size))))
-        return self._fitted(here.coordinates, here.x, here.predicted, np.column_stack(columns))
+        none = np.empty((len(here.predicted), 0))  # a hypothesis without unknowns has no column
+        return self._fitted(here.coordinates, here.x, here.predicted, np.column_stack([none, *columns]))
 
     def _descend(self, here: MapFit, whitening: AtError, rounds: int) -> MapFit:
         """Steps towards the goal of the linear model, shorter after each that did not help; those teach the slopes, too."""

@@ -37,7 +37,30 @@ def loo_estimates(linear: Linear, whitening: AtError, condition: NDArray[np.intp
     for number in left_out:
         others, _ = products_without(both, weighted, whitening, condition == number)
         means.append(np.linalg.solve(others[:unknowns, :unknowns] + np.eye(unknowns), others[:unknowns, unknowns]))
-    return np.array(means).reshape(-1, unknowns)
+    return np.array(means).reshape(len(means), unknowns)
+
+
+def jackknife_std(linear: Linear, whitening: AtError, condition: NDArray[np.intp]) -> Floats:
+    """Standard deviations of all unknowns by leaving one condition out at a time, (p,); 0 with fewer than three conditions.
+
+    Parameters
+    ----------
+    linear
+        The hypothesis near its best point.
+    whitening
+        At the discrepancy scale of the hypothesis.
+    condition
+        (m,) the condition of each row.
+
+    References
+    ----------
+    Quenouille, Biometrika 43 (1956) 353.
+    """
+    count = int(condition.max()) + 1
+    if count < 3:
+        return np.zeros(linear.jacobian.shape[1])
+    means = loo_estimates(linear, whitening, condition, range(count))
+    return np.asarray(np.sqrt((count - 1) * np.var(means, axis=0)))
 
 
 def loo_log_densities(linear: Linear, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:

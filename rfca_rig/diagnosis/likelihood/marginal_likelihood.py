@@ -28,7 +28,7 @@ class MarginalPosterior:
 
     def farthest(self, nuisances: int) -> float:
         """How many deviations off the nuisance is that is farthest from where it is believed."""
-        return float(np.abs(self.posterior.mean[:nuisances]).max())
+        return float(np.abs(self.posterior.mean[:nuisances]).max(initial=0.0))
 
 
 @dataclass(frozen=True)

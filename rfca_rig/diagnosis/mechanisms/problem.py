@@ -98,7 +98,7 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
         for part in group(of_run):
             first, last = part[0].window, part[-1].window
             name = f"{run.label}, {first.start_s:.1f} to {last.start_s + last.t_s[-1]:.1f} s"
-            conditions.append(Motions(name, run.condition, signals, tuple(part)))
+            conditions.append(Motions(name, run.condition, run.label, signals, tuple(part)))
     return MechanismProblem(replace(simulator, step_s=step_s), tuple(conditions), usual, torque, len(windows), recorded)
 
 

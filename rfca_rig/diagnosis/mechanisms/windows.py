@@ -101,6 +101,8 @@ class Motions:
     ----------
     name, run
         In words: with its times, and without.
+    recording
+        The recording that it is a part of, in words.
     signals
         The signals' names, which end with their units.
     windows
@@ -109,6 +111,7 @@ class Motions:
 
     name: str
     run: str
+    recording: str
     signals: tuple[str, ...]
     windows: tuple[CorrectedWindow, ...]
 

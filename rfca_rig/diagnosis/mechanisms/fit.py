@@ -1,0 +1,82 @@
+"""`fit_mechanism`: nominal values of a mechanism, and effects that the user names, fitted to its recordings."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rfca_rig.analysis.fitting.space import Space
+from rfca_rig.campaign.experiment import Experiment
+from rfca_rig.crew.cores import algebra_on_one_thread
+from rfca_rig.diagnosis.data.dataset import make_dataset
+from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
+from rfca_rig.diagnosis.inference.parameterization import Parameterization
+from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
+from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.diagnosis.window_fit import WindowFit, fit_effects, summarize
+from rfca_rig.errors import BadInput
+from rfca_rig.mechanism.effects import list_effects
+from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.mechanism.plant import Plant
+from rfca_rig.nearest import suggestion
+
+MECHANISM_FIT = "rfca-mechanism-fit/1"
+
+
+@dataclass(frozen=True)
+class MechanismFit:
+    """The fit, and the mechanism with the fitted values and effects."""
+
+    fit: WindowFit
+    plant: Plant
+
+
+@algebra_on_one_thread()
+def fit_mechanism(experiment: Experiment, progress: Progress, names: Collection[str] = (), effects: Sequence[str] = ()) -> MechanismFit:
+    """The nominal values of [known_to] and the sizes of effects fitted to all recordings, each with its prior.
+
+    Parameters
+    ----------
+    experiment
+        The recordings and the model file.
+    progress
+        Called with what is being done and the share that is done.
+    names
+        What to fit, for example "link1.mass_relative", or "mass_relative" for that of all bodies; all that [known_to] lists if empty.
+    effects
+        Ids of the effects that are in the model, of `list_effects`.
+
+    Raises
+    ------
+    BadInput
+        Where nothing is to be fitted, a name is unknown, or recordings and model do not fit together.
+    SimulationFailed
+        Where the nominal model cannot be simulated.
+    """
+    mechanism = load_mechanism(experiment.model)
+    problem = make_problem(experiment, mechanism)
+    known = {effect.id: effect for effect in list_effects(mechanism, problem.usual)}
+    for name in effects:
+        if name not in known:
+            raise BadInput(f"--effects: {name!r} is no effect of this mechanism; {suggestion(name, sorted(known))}")
+    space = _select(space_of_mechanism(mechanism, experiment.known_to, problem.usual.is_driven), names)
+    if not (space.parameters or effects):
+        raise BadInput(f"{experiment.path}: nothing to fit: [known_to] lists no value that these recordings depend on; name --effects")
+    simulator = replace(problem.nominal, effects=known)
+    of_all = 0.5 if effects else 0.9
+    dataset = make_dataset(problem.conditions, simulator)
+    found = search_models(dataset, Parameterization(space), [], lambda _, share: progress("fitting nominal values", of_all * share))
+    fitted = fit_effects(found, [known[name] for name in dict.fromkeys(effects)], progress)
+    fit = summarize(found, fitted, [condition.recording for condition in problem.conditions])
+    return MechanismFit(fit, simulator.plant(fitted.fitted.coordinates.supposed(fitted.marginal.posterior.mean)))
+
+
+def _select(space: Space[MechanismInput], names: Collection[str]) -> Space[MechanismInput]:
+    """The parameters of these names, or of these keys of [known_to]; all where none is named."""
+    keys = [name.rpartition(".")[2] for name in space.names]
+    for name in names:
+        if name not in (*space.names, *keys):
+            raise BadInput(f"--parameters: {name!r} is no value of [known_to]; {suggestion(name, dict.fromkeys((*keys, *space.names)))}")
+    chosen = [place for place, full in enumerate(space.names) if not names or full in names or keys[place] in names]
+    parameters = tuple(space.parameters[place] for place in chosen)
+    return Space(parameters, space.centre, space.std[chosen], np.ones(len(chosen), dtype=bool))
