@@ -89,5 +89,5 @@ def _open_folder(folder: Path) -> Recording:
     if (folder / PENDULUM).is_file():
         raise BadInput(f"{folder}: is a campaign of a pendulum, which this command does not take; import, report, fit and diagnose do")
     if (folder / EXPERIMENT).is_file():
-        raise BadInput(f"{folder}: holds recordings of a mechanism, which this command does not take; diagnose does")
+        raise BadInput(f"{folder}: holds recordings of a mechanism, which this command does not take; check, report, fit and diagnose do")
     raise BadInput(f"{folder}: holds neither {FILE_NAME} nor {RECORDING_NAME}, so it is no campaign and no run")

@@ -78,6 +78,7 @@ _BY_OPTION: dict[str, Offer] = {
     "--rig": lambda _begun: names.rig_names(),
     "--protocol": lambda _begun: names.file_names("protocols"),
     "--parameters": _behind_commas(names.FIT_PARAMETERS),
+    "--effects": _behind_commas(names.MECHANISM_EFFECTS),
     "--phases": _behind_commas(names.PHASES),
 }
 _BY_COMMAND: dict[tuple[str, str], Offer] = {

@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 
 def diagnose(
-    paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, or .h5 files.")],
+    paths: Annotated[
+        list[Path],
+        typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."),
+    ],
     out: Annotated[
         Path,
         typer.Option(

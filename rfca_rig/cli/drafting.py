@@ -20,4 +20,4 @@ def init(
     path = write_draft(load_mechanism(mjcf), data)
     open_questions = path.read_text(encoding="utf-8").count(f"= {UNKNOWN}")
     typer.echo(f"{path}: {open_questions} values to fill in, each marked with a question mark")
-    typer.echo(f"then: rfca-rig diagnose {data}", err=True)
+    typer.echo(f"then: rfca-rig check {data}", err=True)

@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 
 def fit(
-    paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, or .h5 files.")],
+    paths: Annotated[
+        list[Path],
+        typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."),
+    ],
     parameters: Annotated[
         str, typer.Option("--parameters", metavar="NAME,...", help="What to fit; all that the section known_to lists if not given.")
     ] = "",

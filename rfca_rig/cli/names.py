@@ -29,6 +29,29 @@ FIT_PARAMETERS = (
     "start_angle",
     "height",
 )
+MECHANISM_EFFECTS = (
+    "joint_friction",
+    "joint_friction_of_one",
+    "joint_stribeck",
+    "joint_load_friction",
+    "joint_load_friction_of_one",
+    "joint_damping",
+    "joint_damping_of_one",
+    "joint_drag",
+    "joint_drag_of_one",
+    "joint_inertia",
+    "joint_inertia_of_one",
+    "joint_spring",
+    "joint_spring_of_one",
+    "torque_scale",
+    "torque_scale_of_one",
+    "torque_delay",
+    "torque_lag",
+    "torque_saturation",
+    "speed_lag",
+    "gravity_tilt",
+    "added_mass",
+)
 PHASES = ("rest", "free", "touchdown", "loading", "release", "rebound")
 RUN_KINDS, SOURCES = entry.KINDS, entry.SOURCES
 RUN_ENDINGS = tuple(word.replace(" ", "-") for word in entry.ENDINGS)

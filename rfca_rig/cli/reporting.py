@@ -1,6 +1,7 @@
 """rfca-rig report"""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,6 +14,8 @@ from rfca_rig.cli.writable import out_folder
 if TYPE_CHECKING:
     from rfca_rig.analysis.counterpart import Shaft as ShaftName
     from rfca_rig.analysis.table2 import Table2
+    from rfca_rig.diagnosis.window_fit import WindowFit
+    from rfca_rig.report.motions_page import MotionsReport
 
 
 class Shaft(StrEnum):
@@ -24,7 +27,10 @@ class Shaft(StrEnum):
 
 
 def report(
-    paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, or .h5 files.")],
+    paths: Annotated[
+        list[Path],
+        typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."),
+    ],
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", callback=out_folder, help="Folder for report.html, run.html, their tables.")
     ] = Path("report"),
@@ -37,20 +43,23 @@ def report(
 ) -> None:
     """Compare recordings with the model: Table II and overlays of measured and simulated force; and tell how each run went, in run.html.
 
-    Of a pendulum: angles and speeds of each run, with nominal, fitted and held-out errors.
+    Of a pendulum or a mechanism: the signals of each recording, with nominal, fitted and held-out errors.
 
     Works offline, changes no recording.
 
     Example: rfca-rig report runs/SIM-table-ii-001 --out report
     """
-    from rfca_rig.campaign.opening import pendulum_among
+    from rfca_rig.campaign.opening import experiment_among, pendulum_among
 
-    pendulum = pendulum_among(paths)
-    if pendulum is None:
+    pendulum, mechanism = pendulum_among(paths), experiment_among(paths)
+    if pendulum is None and mechanism is None:
         write(paths, out, shaft.value, as_json, quiet=as_json, model=model, pdf=pdf)
         return
     refuse_leg_options({"--shaft": shaft != Shaft.average})
-    _write_pendulum(pendulum, out, as_json, model, pdf)
+    if pendulum is not None:
+        _write_pendulum(pendulum, out, as_json, model, pdf)
+    if mechanism is not None:
+        _write_mechanism(mechanism, out, as_json, model, pdf)
 
 
 def refuse_leg_options(given: Mapping[str, bool]) -> None:
@@ -69,22 +78,49 @@ def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, 
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulums.fit import fit_pendulum
-    from rfca_rig.report.origin import imported, typed
-    from rfca_rig.report.pendulum_page import JSON_FILE, PAGE, write_pendulum_report
+    from rfca_rig.report.pendulum_page import pendulum_report
 
     printing = Printing(pdf)
     campaign = read_pendulum_campaign(folder)
     if model is not None:
         campaign = with_model_file(campaign, model)
     with progress(as_json) as bars:
-        found = fit_pendulum(campaign, bars.share)
-    command = typed("report", folder, options={"--model": model})
-    write_pendulum_report(campaign, found, out, imported(command, folder, campaign.title), model.name if model else None)
+        fit = fit_pendulum(campaign, bars.share).fit
+    page = _write_motions(pendulum_report(campaign, model.name if model else None), fit, folder, out, as_json, model)
+    printing.print([page], as_json)
+
+
+def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool) -> None:
+    """The same of recordings of a mechanism."""
+    from rfca_rig.campaign.experiment import read_experiment
+    from rfca_rig.cli.printing import Printing
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.diagnosis.mechanisms.comparison import compare_mechanism
+    from rfca_rig.report.mechanism_page import mechanism_report
+
+    printing = Printing(pdf)
+    experiment = read_experiment(folder)
+    if model is not None:
+        experiment = replace(experiment, model=model)
+    with progress(as_json) as bars:
+        comparison = compare_mechanism(experiment, bars.share)
+    page = _write_motions(mechanism_report(experiment, comparison), comparison.fit, folder, out, as_json, model)
+    printing.print([page], as_json)
+
+
+def _write_motions(report: "MotionsReport", fit: "WindowFit", folder: Path, out: Path, as_json: bool, model: Path | None) -> Path:
+    """The page of recordings in windows; returns where it is."""
+    from rfca_rig.report.motions_page import PAGE, write_motions
+    from rfca_rig.report.origin import imported, typed
+    from rfca_rig.report.wording import counted
+
+    write_motions(report, fit, out, imported(typed("report", folder, options={"--model": model}), folder, report.title))
     if as_json:
-        typer.echo((out / JSON_FILE).read_text(encoding="utf-8"), nl=False)
+        typer.echo((out / report.json_file).read_text(encoding="utf-8"), nl=False)
     else:
-        typer.echo(f"{out / PAGE}: measured and simulated angles of {len(campaign.runs)} runs", err=True)
-    printing.print([out / PAGE], as_json)
+        recordings = counted(len({error.run for error in fit.errors}), "recording")
+        typer.echo(f"{out / PAGE}: measured and simulated signals of {recordings}", err=True)
+    return out / PAGE
 
 
 def write(

@@ -141,7 +141,7 @@ class BeforeAfter:
 
 @dataclass(frozen=True)
 class Overlay:
-    """One condition's mean signal with both models beside it, all (m,)."""
+    """One condition's mean signal with both models beside it, all (m,); `starts_s` are where windows start from the measured state."""
 
     condition: str
     signal: str
@@ -149,6 +149,7 @@ class Overlay:
     measured: Floats
     before: Floats
     after: Floats
+    starts_s: Floats = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True)

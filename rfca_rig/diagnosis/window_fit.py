@@ -169,7 +169,15 @@ def _add(optimizer: GaussNewton, here: MapFit, effect: Effect) -> MapFit:
     return max(fits, key=optimizer.free_log_evidence)
 
 
-def summarize(found: ModelSelectionResult, fitted: Hypothesis, recordings: Sequence[str]) -> WindowFit:
+@dataclass(frozen=True)
+class WindowsOfCondition:
+    """Of which recording, in words, a condition is a part, and where its windows start."""
+
+    recording: str
+    starts_s: tuple[float, ...]
+
+
+def summarize(found: ModelSelectionResult, fitted: Hypothesis, conditions: Sequence[WindowsOfCondition]) -> WindowFit:
     """A fit as plain values.
 
     Parameters
@@ -178,10 +186,10 @@ def summarize(found: ModelSelectionResult, fitted: Hypothesis, recordings: Seque
         The search without effects.
     fitted
         The fit, as `fit_effects` gives it.
-    recordings
-        The recording that each condition is a part of, in words.
+    conditions
+        What each condition is a part of.
     """
-    errors, totals, overlays = _compare(found, fitted, recordings)
+    errors, totals, overlays = _compare(found, fitted, conditions)
     std_x = np.sqrt(np.diag(fitted.marginal.posterior.covariance))
     rows = found.dataset.rows
     std_x = np.maximum(std_x, jackknife_std(fitted.fitted.linear(rows.measured), fitted.marginal.whitening, rows.condition))
@@ -217,28 +225,30 @@ def _list_sizes(fitted: Hypothesis, std_x: Floats) -> Iterator[FittedSize]:
 
 
 def _compare(
-    found: ModelSelectionResult, fitted: Hypothesis, recordings: Sequence[str]
+    found: ModelSelectionResult, fitted: Hypothesis, conditions: Sequence[WindowsOfCondition]
 ) -> tuple[tuple[SignalError, ...], tuple[SignalError, ...], tuple[Overlay, ...]]:
     """Errors and overlays of each signal of each recording, rows in order of time, and errors of each signal of all."""
     rows, nominal, after = found.dataset.rows, found.nominal.predicted, fitted.rows
     held_out = None
-    if len(recordings) > 1:
+    if len(conditions) > 1:
         linear = fitted.fitted.linear(rows.measured)
-        held_out = loo_residuals(linear, fitted.marginal.whitening, rows.condition, range(len(recordings)))
+        held_out = loo_residuals(linear, fitted.marginal.whitening, rows.condition, range(len(conditions)))
 
     def error(name: str, signal: str, here: NDArray[np.intp]) -> SignalError:
         apart = None if held_out is None else rms(held_out[here])
         measured = rows.measured[here]
         return SignalError(name, signal, rms(rows.noise[here]), rms(measured - nominal[here]), rms(measured - after[here]), apart)
 
-    of_row, signals = np.array(recordings)[rows.condition], dict.fromkeys(label.signal for label in rows.labels)
+    recordings, signals = [one.recording for one in conditions], dict.fromkeys(label.signal for label in rows.labels)
+    of_row = np.array(recordings)[rows.condition]
     errors, overlays = [], []
     for name in dict.fromkeys(recordings):
+        starts_s = np.array([start_s for one in conditions if one.recording == name for start_s in one.starts_s])
         for signal in signals:
             here = np.flatnonzero((of_row == name) & (rows.signal == signal))
             if here.size:
                 here = here[np.argsort(rows.t_s[here], kind="stable")]
                 errors.append(error(name, signal, here))
-                overlays.append(Overlay(name, signal, rows.t_s[here], rows.measured[here], nominal[here], after[here]))
+                overlays.append(Overlay(name, signal, rows.t_s[here], rows.measured[here], nominal[here], after[here], starts_s))
     totals = [error(ALL, signal, np.flatnonzero(rows.signal == signal)) for signal in signals]
     return tuple(errors), tuple(totals), tuple(overlays)

@@ -41,7 +41,7 @@ class TorqueBalance:
 
     @property
     def remainder(self) -> Floats:
-        """(k, n) what the motion takes beyond what the model has; all zero for a perfect model."""
+        """(k, n) what acts in the motion beyond what the model has, as friction against the speed; all zero for a perfect model."""
         return np.asarray(self.inertial + self.other - self.by_actuator.sum(axis=1))
 
     @property

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.result import Overlay
 from rfca_rig.report.envelope import envelope
 from rfca_rig.report.inline_svg import inline_svg
-from rfca_rig.report.look import MEASURED, OTHER, SIMULATED, drawing
+from rfca_rig.report.look import FAINT, MEASURED, OTHER, SIMULATED, drawing
 from rfca_rig.report.named_units import shown, words_and_unit
 from rfca_rig.report.small_multiples import mark_axes, panels_of, title
 from rfca_rig.report.wording import counted
@@ -19,8 +19,9 @@ from rfca_rig.report.wording import counted
 Floats = NDArray[np.float64]
 
 DASHES = (0, (3.2, 1.8))
-COLUMNS = 70  # of a panel
+COLUMNS = 210  # of all panels side by side together
 USUAL_ACROSS, MOST_ACROSS = 3, 4
+TICK = 0.045  # share of a panel's height that marks the start of a window
 
 
 @dataclass(frozen=True)
@@ -32,24 +33,23 @@ class Picture:
     caption: str
 
 
-def pictures_of(overlays: Sequence[Overlay]) -> list[Picture]:
-    """One picture for each signal, in the order of the overlays."""
+def pictures_of(overlays: Sequence[Overlay], across: int | None = None) -> list[Picture]:
+    """One picture for each signal, in the order of the overlays; `across` panels side by side, or as many as suit the conditions."""
     signals = dict.fromkeys(overlay.signal for overlay in overlays)
-    return [_picture(name, [each for each in overlays if each.signal == name]) for name in signals]
+    return [_picture(name, [each for each in overlays if each.signal == name], across) for name in signals]
 
 
-def _picture(signal: str, overlays: Sequence[Overlay]) -> Picture:
+def _picture(signal: str, overlays: Sequence[Overlay], across: int | None) -> Picture:
     conditions = counted(len(overlays), "condition")
     caption = f"Means over the repeats of {conditions}, all on one scale; how far repeats scatter is in the noise floor of the table above."
-    return Picture(shown(signal), _drawn(signal, overlays), caption)
+    return Picture(shown(signal), _drawn(signal, overlays, across or _across([overlay.condition for overlay in overlays])), caption)
 
 
-def _drawn(signal: str, overlays: Sequence[Overlay]) -> str:
-    across = _across([overlay.condition for overlay in overlays])
+def _drawn(signal: str, overlays: Sequence[Overlay], across: int) -> str:
     with drawing():
         figure, panels = panels_of(len(overlays), across)
         for axes, overlay in zip(panels, overlays, strict=True):
-            _draw(axes, overlay)
+            _draw(axes, overlay, COLUMNS // across)
         words, unit = words_and_unit(signal)
         mark_axes(panels, across, "time (s)", f"{words} ({unit})" if unit else words)
         label = f"{words_and_unit(signal)[0]} over time at {len(overlays)} conditions: measured, model as believed, model accepted"
@@ -62,15 +62,30 @@ def _across(conditions: Sequence[str]) -> int:
     return alike if 1 < alike <= MOST_ACROSS else min(USUAL_ACROSS, len(conditions))
 
 
-def _draw(axes: Axes, overlay: Overlay) -> None:
-    _line(axes, overlay.t_s, overlay.after, color=SIMULATED, lw=2.8, dashes=None)
-    _line(axes, overlay.t_s, overlay.before, color=OTHER, lw=1.1, dashes=DASHES)
-    _line(axes, overlay.t_s, overlay.measured, color=MEASURED, lw=0.8, dashes=None)
+def _draw(axes: Axes, overlay: Overlay, columns: int) -> None:
+    """Models are broken where they start from the measured state again, and all lines where nothing is compared."""
+    t_s, starts_s = overlay.t_s, overlay.starts_s
+    windows = np.searchsorted(t_s, starts_s)
+    gaps = 1 + np.flatnonzero(np.diff(t_s) > 1.5 * np.median(np.diff(t_s))) if starts_s.size else windows
+    for values, color, lw, dashes, breaks in (
+        (overlay.after, SIMULATED, 2.8, "-", windows),
+        (overlay.before, OTHER, 1.1, DASHES, windows),
+        (overlay.measured, MEASURED, 0.8, "-", gaps),
+    ):
+        x, y = _broken(t_s, values, breaks, columns)
+        if x.size:
+            axes.plot(x, y, color=color, lw=lw, ls=dashes)
+    axes.vlines(starts_s, 0.0, TICK, transform=axes.get_xaxis_transform(), color=FAINT, lw=0.6)
     title(axes, overlay.condition)
     axes.margins(x=0.0, y=0.06)
 
 
-def _line(axes: Axes, t_s: Floats, values: Floats, *, color: str, lw: float, dashes: tuple[int, tuple[float, float]] | None) -> None:
-    known = np.isfinite(values)
-    if known.any():
-        axes.plot(*envelope(t_s[known], values[known], COLUMNS), color=color, lw=lw, ls=dashes or "-")
+def _broken(t_s: Floats, values: Floats, breaks: NDArray[np.intp], columns: int) -> tuple[Floats, Floats]:
+    """The known points of a line with NaN at its breaks, at most two points for each of its columns."""
+    pieces = []
+    for at, piece in zip(np.split(t_s, breaks), np.split(values, breaks), strict=True):
+        known = np.isfinite(piece)
+        if known.any():
+            share = max(2, round(columns * known.sum() / len(t_s)))
+            pieces += [*(np.append(part, np.nan) for part in envelope(at[known], piece[known], share))]
+    return (np.concatenate(pieces[::2])[:-1], np.concatenate(pieces[1::2])[:-1]) if pieces else (np.empty(0), np.empty(0))

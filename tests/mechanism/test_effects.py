@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rfca_rig.cli.names import MECHANISM_EFFECTS
 from rfca_rig.mechanism.amend import write_amended_model
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import load_mechanism
@@ -70,6 +71,10 @@ def test_ids_are_unique_and_every_variant_has_its_general_law(mechanism):
     assert len(set(found)) == len(found)
     assert {effect.variant_of for effect in effects} <= {"", *found}
     assert {effect.id for effect in effects if effect.variant_of == "joint_stribeck"} == {"joint_friction", "joint_friction_of_one"}
+
+
+def test_the_shell_offers_ids_of_effects(mechanism):
+    assert set(MECHANISM_EFFECTS) <= set(effects_of(mechanism))
 
 
 @pytest.mark.parametrize(

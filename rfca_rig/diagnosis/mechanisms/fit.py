@@ -12,12 +12,13 @@ from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
-from rfca_rig.diagnosis.mechanisms.problem import make_problem
-from rfca_rig.diagnosis.window_fit import WindowFit, fit_effects, summarize
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
+from rfca_rig.diagnosis.window_fit import WindowFit, WindowsOfCondition, fit_effects, summarize
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import Plant
+from rfca_rig.model.effect import Effect
 from rfca_rig.nearest import suggestion
 
 MECHANISM_FIT = "rfca-mechanism-fit/1"
@@ -62,13 +63,31 @@ def fit_mechanism(experiment: Experiment, progress: Progress, names: Collection[
     space = _select(space_of_mechanism(mechanism, experiment.known_to, problem.usual.is_driven), names)
     if not (space.parameters or effects):
         raise BadInput(f"{experiment.path}: nothing to fit: [known_to] lists no value that these recordings depend on; name --effects")
-    simulator = replace(problem.nominal, effects=known)
+    return fit_problem(problem, space, [known[name] for name in dict.fromkeys(effects)], progress)
+
+
+def fit_problem(problem: MechanismProblem, space: Space[MechanismInput], effects: Sequence[Effect], progress: Progress) -> MechanismFit:
+    """The fit of what is to be diagnosed; without parameters and effects the nominal model as it stands.
+
+    Parameters
+    ----------
+    problem
+        The recordings in windows.
+    space
+        The nuisance parameters.
+    effects
+        The effects that are in the model.
+    progress
+        Called with what is being done and the share that is done.
+    """
+    simulator = replace(problem.nominal, effects={effect.id: effect for effect in effects})
     of_all = 0.5 if effects else 0.9
     dataset = make_dataset(problem.conditions, simulator)
     found = search_models(dataset, Parameterization(space), [], lambda _, share: progress("fitting nominal values", of_all * share))
-    fitted = fit_effects(found, [known[name] for name in dict.fromkeys(effects)], progress)
-    fit = summarize(found, fitted, [condition.recording for condition in problem.conditions])
-    return MechanismFit(fit, simulator.plant(fitted.fitted.coordinates.supposed(fitted.marginal.posterior.mean)))
+    fitted = fit_effects(found, effects, progress)
+    windows = [WindowsOfCondition(c.recording, tuple(each.window.start_s for each in c.windows)) for c in problem.conditions]
+    plant = simulator.plant(fitted.fitted.coordinates.supposed(fitted.marginal.posterior.mean))
+    return MechanismFit(summarize(found, fitted, windows), plant)
 
 
 def _select(space: Space[MechanismInput], names: Collection[str]) -> Space[MechanismInput]:

@@ -1,16 +1,16 @@
 """Nominal values of a pendulum fitted to its recordings, with no effect in the model."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from rfca_rig.analysis.swings import SwingProblem, shifted, swings_of
+from rfca_rig.analysis.swings import SwingProblem, SwingWindow, shifted, swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.pendulums.nuisances import of_pendulum, space_of_pendulum
 from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, pendulum_dataset, stretches_of
-from rfca_rig.diagnosis.window_fit import WindowFit, summarize
+from rfca_rig.diagnosis.window_fit import WindowFit, WindowsOfCondition, summarize
 from rfca_rig.errors import BadInput
 from rfca_rig.model.pendulum import Pendulum
 
@@ -49,9 +49,13 @@ def fit_pendulum(campaign: PendulumCampaign, progress: Progress, names: Collecti
     stretches = stretches_of(problem)
     space = space_of_pendulum(problem.pendulum, problem.nuisances)
     found = search_models(pendulum_dataset(stretches), Parameterization(space), [], progress)
-    fit = summarize(found, found.nothing, [problem.conditions[stretch.windows[0].window.run] for stretch in stretches])
+    fit = summarize(found, found.nothing, [_windows_of(problem, [one.window for one in stretch.windows]) for stretch in stretches])
     shifts = dict(of_pendulum(space.at(found.nothing.marginal.posterior.mean)).off)
     return PendulumFit(fit, shifted(problem.pendulum, shifts))
+
+
+def _windows_of(problem: SwingProblem, windows: Sequence[SwingWindow]) -> WindowsOfCondition:
+    return WindowsOfCondition(problem.conditions[windows[0].run], tuple(window.start_s for window in windows))
 
 
 def _with_nuisances(problem: SwingProblem, names: Collection[str]) -> SwingProblem:

@@ -1,0 +1,79 @@
+"""`compare_mechanism`: recordings of a mechanism beside its nominal and its fitted model, for the report."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.campaign.experiment import Experiment
+from rfca_rig.crew.cores import algebra_on_one_thread
+from rfca_rig.diagnosis.inference.model_selection import Progress
+from rfca_rig.diagnosis.mechanisms.fit import fit_problem
+from rfca_rig.diagnosis.mechanisms.nuisances import space_of_mechanism
+from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.diagnosis.mechanisms.states import estimate_states
+from rfca_rig.diagnosis.window_fit import WindowFit
+from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.mechanism.torque_balance import balance_torques
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointRemainder:
+    """What acts in one joint in the recorded motion beyond the nominal model, all (k,).
+
+    Parameters
+    ----------
+    joint
+        Its name.
+    is_slide
+        Whether positions are in m and the remainder in N, instead of rad and N m.
+    position, speed, remainder
+        Of each state.
+    """
+
+    joint: str
+    is_slide: bool
+    position: Floats
+    speed: Floats
+    remainder: Floats
+
+
+@dataclass(frozen=True)
+class MechanismComparison:
+    """The fit of the values of [known_to], and what the nominal model lacks in each joint."""
+
+    fit: WindowFit
+    joints: tuple[JointRemainder, ...]
+
+
+@algebra_on_one_thread()
+def compare_mechanism(experiment: Experiment, progress: Progress) -> MechanismComparison:
+    """Recordings beside their model.
+
+    Parameters
+    ----------
+    experiment
+        The recordings and the model file.
+    progress
+        Called with what is being done and the share that is done.
+
+    Raises
+    ------
+    BadInput
+        Where recordings and model do not fit together.
+    SimulationFailed
+        Where the nominal model cannot be simulated.
+    """
+    mechanism = load_mechanism(experiment.model)
+    problem = make_problem(experiment, mechanism)
+    space = space_of_mechanism(mechanism, experiment.known_to, problem.usual.is_driven)
+    fit = fit_problem(problem, space, (), progress).fit
+    states = estimate_states(experiment, mechanism)
+    remainder = balance_torques(mechanism, states).remainder
+    joints = [
+        JointRemainder(name, bool(mechanism.is_slide[j]), states.position[:, j], states.speed[:, j], remainder[:, j])
+        for j, name in enumerate(mechanism.joints)
+    ]
+    return MechanismComparison(fit, tuple(joints))

@@ -1,0 +1,153 @@
+"""report.html of recordings in windows: signals of each recording, measured and simulated, with nominal and with fitted values."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rfca_rig.analysis.fitting.result import describe_pair
+from rfca_rig.diagnosis.config import STRAINED
+from rfca_rig.diagnosis.result import Overlay
+from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
+from rfca_rig.report.diagnosis_pictures import Picture, pictures_of
+from rfca_rig.report.files import table_files, write_all
+from rfca_rig.report.named_units import words_and_unit
+from rfca_rig.report.origin import Origin
+from rfca_rig.report.residual_pictures import draw_signal_residuals
+from rfca_rig.report.table import Column, Foot, Row, Table
+from rfca_rig.report.table_files import as_csv
+from rfca_rig.report.templates import template
+from rfca_rig.report.wording import MINUS
+
+PAGE = "report.html"
+MOST_SHOWN = 12  # recordings whose signals are drawn: those that the model misses most
+ACROSS = 2
+
+ERRORS = "Rms error"
+ALWAYS = (
+    Column("run", "Recording"),
+    Column("signal", "Signal"),
+    Column("unit", "Unit"),
+    Column("noise", "Noise", over=ERRORS),
+    Column("nominal", "Nominal values", over=ERRORS),
+)
+OF_FIT = (Column("fitted", "Fitted values", over=ERRORS), Column("held_out", "Held-out", over=ERRORS))
+SHIFTS = (
+    Column("name", "Value"),
+    Column("prior_std", "Prior standard deviation", digits=5),
+    Column("value", "Shift from nominal", half="std"),
+    Column("std", role="kept"),
+)
+SIGNALS = tuple(Column(key) for key in ("run", "signal", "t_s", "measured", "nominal", "fitted"))
+
+
+@dataclass(frozen=True)
+class MotionsReport:
+    """What a page of motions says beside the fit.
+
+    Parameters
+    ----------
+    kind
+        What was recorded, as in "swings of a pendulum".
+    title
+        Of the recordings.
+    nominal
+        Where the nominal values stand, as in "pendulum.toml".
+    stem
+        What the names of the files beside the page begin with.
+    file_format
+        Of the JSON file.
+    window_s
+        Length of a window.
+    remainders
+        Pictures of what the nominal model lacks in each joint.
+    """
+
+    kind: str
+    title: str
+    nominal: str
+    stem: str
+    file_format: str
+    window_s: float
+    remainders: Sequence[Picture] = ()
+
+    @property
+    def json_file(self) -> str:
+        """The name of the JSON file beside the page."""
+        return f"{self.stem}.json"
+
+
+def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Origin) -> None:
+    """report.html, and its tables as CSV, LaTeX and JSON, into `out`. Raises RigError where the disk refuses."""
+    tables = (_error_table(report, fit), *((_shift_table(report, fit),) if fit.shifts else ()))
+    overlays, recordings = list(_worst(fit)), len({one.condition for one in fit.overlays})
+    shown = len({one.condition for one in overlays})
+    contents = {
+        report.json_file: json.dumps({"title": report.title, **fit.plain(report.file_format)}, indent=1) + "\n",
+        **table_files(tables),
+        f"{report.stem}-signals.csv": as_csv(_signal_table(report, fit)),
+    }
+    page = template("motions.html").render(
+        sheets=("motions.css",),
+        origin=origin,
+        files=tuple(contents),
+        report=report,
+        is_fitted=bool(fit.shifts),
+        tables=tables,
+        correlated=[describe_pair(pair).replace(" -", f" {MINUS}") for pair in fit.correlated],
+        drawn=f"Of {recordings} recordings the {shown} are drawn that the model misses most." if shown < recordings else "",
+        pictures=pictures_of(overlays, min(ACROSS, shown)),
+        residuals=draw_signal_residuals(fit.overlays, with_fit=bool(fit.shifts)),
+    )
+    write_all(out, {PAGE: page, **contents})
+
+
+def _error_table(report: MotionsReport, fit: WindowFit) -> Table:
+    caption = f"Rms of measured less simulated. Each window of {report.window_s:g} s is simulated from the measured state at its start. "
+    if fit.shifts:
+        caption += "Held-out: each condition of about four windows is predicted with values fitted to all others."
+    columns = (*ALWAYS, *OF_FIT) if fit.shifts else ALWAYS
+    feet = tuple(Foot(f"All recordings: {', '.join(filter(None, words_and_unit(e.signal)))}", _errors(e), digits=5) for e in fit.totals)
+    is_one = len({error.run for error in fit.errors}) == 1
+    return Table(f"{report.stem}-errors", caption, columns, tuple(map(_error_row, fit.errors)), () if is_one else feet)
+
+
+def _errors(error: SignalError) -> dict[str, float | None]:
+    return {"noise": error.noise, "nominal": error.nominal, "fitted": error.fitted, "held_out": error.held_out}
+
+
+def _error_row(error: SignalError) -> Row:
+    words, unit = words_and_unit(error.signal)
+    return Row({"run": error.run, "signal": words, "unit": unit, **_errors(error)}, digits=5)
+
+
+def _shift_table(report: MotionsReport, fit: WindowFit) -> Table:
+    caption = "Shift of each nominal value that fits all recordings best, ± one standard deviation; its unit is the end of its name."
+    strained = [abs(shift.value) > STRAINED * shift.prior_std for shift in fit.shifts]
+    if any(strained):
+        caption += f" Bold: more than {STRAINED:g} prior standard deviations, so that the model probably lacks an effect."
+    rows = tuple(Row(dict(shift.__dict__), marked=is_far) for shift, is_far in zip(fit.shifts, strained, strict=True))
+    return Table(f"{report.stem}-values", caption, SHIFTS, rows)
+
+
+def _signal_table(report: MotionsReport, fit: WindowFit) -> Table:
+    """All that is drawn, means over bins."""
+    rows = [
+        Row(dict(zip(("run", "signal", "t_s", "measured", "nominal", "fitted"), (one.condition, one.signal, *values), strict=True)))
+        for one in fit.overlays
+        for values in zip(*(part.tolist() for part in (one.t_s, one.measured, one.before, one.after)), strict=True)
+    ]
+    return Table(f"{report.stem}-signals", "", SIGNALS, tuple(rows))
+
+
+def _worst(fit: WindowFit) -> Iterator[Overlay]:
+    """The signals of the recordings that the model misses most, in their order; without a fit nothing is drawn as fitted."""
+    usual = {total.signal: total.fitted for total in fit.totals}
+    misses: dict[str, float] = {}
+    for error in fit.errors:
+        misses[error.run] = misses.get(error.run, 0.0) + error.fitted / max(usual[error.signal], 1e-300)
+    worst = sorted(misses, key=lambda run: -misses[run])[:MOST_SHOWN]
+    chosen = (one for one in fit.overlays if one.condition in worst)
+    return chosen if fit.shifts else (replace(one, after=np.full(len(one.after), np.nan)) for one in chosen)
