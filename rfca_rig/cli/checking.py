@@ -68,8 +68,8 @@ def _check_experiment(folder: Path, as_json: bool) -> None:
     except BadInput as error:
         refused = error
     if as_json:
-        told = {"experiment": str(folder), "usable": refused is None, "lines": rows}
-        typer.echo(json.dumps(told if refused is None else {**told, "refused": str(refused)}, indent=1))
+        found = {"experiment": str(folder), "usable": refused is None, "lines": rows}
+        typer.echo(json.dumps(found if refused is None else {**found, "refused": str(refused)}, indent=1))
     if refused is not None:
         raise refused
     if not as_json:

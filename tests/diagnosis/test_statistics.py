@@ -164,7 +164,7 @@ def test_a_condition_is_foretold_as_by_a_fit_to_the_others_alone():
         assert apart[out] == pytest.approx(linear.target[out] - linear.jacobian[out] @ mean, abs=1e-9)
 
 
-def test_without_unknowns_a_condition_is_foretold_as_nothing():
+def test_without_unknowns_all_of_a_held_out_condition_remains():
     rows = small_rows(conditions=3)
     whitening = AtError(basis_of(rows, np.empty((len(rows.measured), 0))), 0.02)
     linear = Linear(rows.measured, np.empty((len(rows.measured), 0)))

@@ -17,7 +17,7 @@ KNOWN_TO = {"mass_relative": 0.02, "centre_of_mass_m": 0.003, "zero_offset_rad":
 
 
 def make(folder, arm):
-    return write_campaign(folder, arm, Arm(), [record(arm, 3.4, seed) for seed in (0, 1)], KNOWN_TO)
+    return write_campaign(folder, Arm(), [record(arm, 3.4, seed) for seed in (0, 1)], KNOWN_TO)
 
 
 @pytest.fixture(scope="module")

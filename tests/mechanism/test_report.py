@@ -25,7 +25,7 @@ SIGNALS = [f"joint{j}_{kind}" for kind in ("position_rad", "speed_rad_s") for j 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     known_to = {"mass_relative": 0.02}
-    return write_campaign(tmp_path_factory.mktemp("report") / "arm", ARM, Arm(), [record(ARM, 3.4, seed) for seed in (0, 1)], known_to)
+    return write_campaign(tmp_path_factory.mktemp("report") / "arm", Arm(), [record(ARM, 3.4, seed) for seed in (0, 1)], known_to)
 
 
 def rows_of(path):

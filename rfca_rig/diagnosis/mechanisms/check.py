@@ -96,7 +96,7 @@ def _check_windows(experiment: Experiment, mechanism: Mechanism) -> Iterator[Che
             needed_s = experiment.window_s + 2.0 * SMOOTHED_S
             yield CheckLine("recording", run.label, f"too short for a window, which needs {needed_s:g} s; it is not used", is_warning=True)
         elif used < all_windows:
-            said = f"{all_windows - used} windows hold a gap of more than bin_s = {experiment.bin_s:g} s and are not used; "
+            said = f"{all_windows - used} windows hold or touch a gap of more than bin_s = {experiment.bin_s:g} s and are not used; "
             yield CheckLine("recording", run.label, f"{said}a longer bin_s in [windows] allows gaps", is_warning=True)
 
 
@@ -126,7 +126,8 @@ def _gains(
 def _check_priors(experiment: Experiment, mechanism: Mechanism) -> Iterator[CheckLine]:
     """How many nuisance parameters [known_to] makes, and the keys that make none."""
     is_driven = any(run.driven for run in experiment.runs)
-    count = len(space_of_mechanism(mechanism, experiment.known_to, is_driven).parameters)
+    sensors = [signal.name for signal in experiment.signals if signal.quantity == "sensor"]
+    count = len(space_of_mechanism(mechanism, experiment.known_to, is_driven, sensors).parameters)
     yield CheckLine("known_to", "priors", f"{count} nuisance parameters", values={"parameters": count})
     for key in experiment.known_to:
         if key in NUISANCES and not places_of(mechanism, NUISANCES[key].objects):
@@ -143,8 +144,7 @@ def _check_prediction(
     windows = [each for condition in problem.conditions for each in condition.windows]
     measured = [each.window.measured for each in windows]
     misses = [m - each.move_start(simulator.follow(plant, each.window)) for m, each in zip(measured, windows, strict=True)]
-    starts = [np.concatenate([each.window.position, each.window.speed])[simulator.columns] for each in windows]
-    changes = [m - start[:, None] for m, start in zip(measured, starts, strict=True)]
+    changes = [m - m[:, :1] for m in measured]
     for place, signal in enumerate(described.signals):
         miss, change = (rms(np.concatenate([each[place] for each in of_all])) / abs(signal.factor) for of_all in (misses, changes))
         words = f"the nominal model misses it by {miss:.3g} {signal.unit} (rms) over windows of {experiment.window_s:g} s, "

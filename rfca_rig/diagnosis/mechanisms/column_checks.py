@@ -50,7 +50,7 @@ def check_signals(described: ExperimentFile, experiment: Experiment, ratios: Map
         noise, step = _noise_of(columns), min((step for column in columns if (step := smallest_step(column))), default=0.0)
         low, high = _range_of(columns)
         values = {"low": low, "high": high, "noise": signal.noise_std or noise}
-        words = f"{signal.quantity} of {signal.joint}: {low:.4g} to {high:.4g} {signal.unit}, "
+        words = f"{signal.words}: {low:.4g} to {high:.4g} {signal.unit}, "
         words += f"noise {signal.noise_std:.3g} (stated)" if signal.noise_std else f"noise {noise:.2g} (found)"
         if step > noise:
             values["step"] = step
@@ -116,12 +116,13 @@ def check_speeds(
     """
     for found in ratios.values():
         speed, position = described.signals[found.speed], described.signals[found.position]
-        ratio = found.ratio / factors[speed.joint]
+        joint = speed.joint or ""
+        ratio = found.ratio / factors[joint]
         if abs(found.correlation) < FOLLOWS:
             said = f"does not follow the derivative of {position.column} (correlation {found.correlation:.2f}); is it of another joint?"
             yield CheckLine("signal", speed.column, said, is_warning=True)
         elif not found.agrees and not is_one(ratio):
-            fixes = list_fixes(described, found, ratio, position_is_right=speed.joint in balanced)
+            fixes = list_fixes(described, found, ratio, position_is_right=joint in balanced)
             ask = f"set {', or '.join(fixes)}" if fixes else "a gear ratio or counts_per_turn is probably wrong in one of both"
             yield CheckLine("signal", speed.column, f"is {ratio:.4g} times the derivative of {position.column}; {ask}", is_warning=True)
 

@@ -68,7 +68,7 @@ def compare_mechanism(experiment: Experiment, progress: Progress) -> MechanismCo
     """
     mechanism = load_mechanism(experiment.model)
     problem = make_problem(experiment, mechanism)
-    space = space_of_mechanism(mechanism, experiment.known_to, problem.usual.is_driven)
+    space = space_of_mechanism(mechanism, experiment.known_to, problem.usual.is_driven, problem.usual.sensors)
     fit = fit_problem(problem, space, (), progress).fit
     states = estimate_states(experiment, mechanism)
     remainder = balance_torques(mechanism, states).remainder

@@ -65,7 +65,7 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
             raise BadInput(f"--without: {name!r} is no effect of this mechanism; {suggestion(name, sorted(known))}")
     effects = [effect for effect in known.values() if effect.id not in without]
     simulator = replace(problem.nominal, effects=known)
-    space = space_of_mechanism(mechanism, experiment.known_to, problem.usual)
+    space = space_of_mechanism(mechanism, experiment.known_to, problem.usual.is_driven, problem.usual.sensors)
     found = search_models(make_dataset(problem.conditions, simulator), Parameterization(space), effects, progress)
     progress("summing up", 0.97)
     decision = decide(found)

@@ -60,7 +60,7 @@ def fit_mechanism(experiment: Experiment, progress: Progress, names: Collection[
     for name in effects:
         if name not in known:
             raise BadInput(f"--effects: {name!r} is no effect of this mechanism; {suggestion(name, sorted(known))}")
-    space = _select(space_of_mechanism(mechanism, experiment.known_to, problem.usual.is_driven), names)
+    space = _select(space_of_mechanism(mechanism, experiment.known_to, problem.usual.is_driven, problem.usual.sensors), names)
     if not (space.parameters or effects):
         raise BadInput(f"{experiment.path}: nothing to fit: [known_to] lists no value that these recordings depend on; name --effects")
     return fit_problem(problem, space, [known[name] for name in dict.fromkeys(effects)], progress)

@@ -1,6 +1,6 @@
 """What every hypothesis about a mechanism may move: the values of [known_to], of each body, joint and actuator."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -10,7 +10,6 @@ from rfca_rig.analysis.fitting.space import Parameter, Space, never_below
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.nuisances import NUISANCES, OF_COMMANDS, SENSORS, places_of
 from rfca_rig.mechanism.plant import Plant
-from rfca_rig.mechanism.usual_motion import UsualMotion
 from rfca_rig.model.parameters import PresentEffect
 
 
@@ -30,14 +29,28 @@ class MechanismInput:
         return replace(self, effects=(*self.effects, *effects))
 
 
-def space_of_mechanism(mechanism: Mechanism, known_to: Mapping[str, float], usual: UsualMotion) -> Space[MechanismInput]:
-    """The space of the nuisance parameters around the nominal mechanism, of those that recordings such as `usual` can show."""
+def space_of_mechanism(
+    mechanism: Mechanism, known_to: Mapping[str, float], is_driven: bool, sensors: Collection[str]
+) -> Space[MechanismInput]:
+    """The space of the nuisance parameters around the nominal mechanism, of those that the recordings can show.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    known_to
+        Standard uncertainties by key.
+    is_driven
+        Whether any recording has commands.
+    sensors
+        Names of the sensors' values that were recorded.
+    """
     parameters, stds = [], []
     for key, std in known_to.items():
-        if key in NUISANCES and (usual.is_driven or key not in OF_COMMANDS):
+        if key in NUISANCES and (is_driven or key not in OF_COMMANDS):
             objects = NUISANCES[key].objects
             for name, place in places_of(mechanism, objects).items():
-                if objects not in SENSORS or name in usual.sensors:
+                if objects not in SENSORS or name in sensors:
                     parameters.append(_parameter(mechanism, key, name, place, std))
                     stds.append(std)
     return Space(tuple(parameters), MechanismInput(), np.array(stds), np.ones(len(stds), dtype=bool))

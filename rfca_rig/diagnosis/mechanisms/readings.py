@@ -26,7 +26,7 @@ from rfca_rig.mechanism.torque_balance import States, balance_torques
 
 Floats = NDArray[np.float64]
 
-FAR_BETTER = 0.5  # of the imbalance: right signs leave 0.01 to 0.2 in recordings of real rigs, a single wrong one 0.5 and more
+FAR_BETTER = 0.5  # of the imbalance: right signs leave 0.1 to 0.2 on three real rigs, a single wrong one 0.36 to 0.8
 AS_GOOD = 1.1  # of the imbalance: two readings that the recordings do not tell apart
 SAME_DIMENSION = (("N m", "mN m"), ("A", "mA"), ("V", "mV"))
 SIGN = "sign"

@@ -48,7 +48,7 @@ class SpeedRatio:
 def find_wraps(experiment: Experiment, run: MechanismRun, place: int) -> NDArray[np.intp]:
     """The samples of a signal behind which an angle jumps by more than half a turn."""
     signal = experiment.signals[place]
-    if signal.is_speed or signal.is_distance:
+    if signal.quantity != "position" or signal.unit != "rad":
         return np.empty(0, dtype=np.intp)
     return np.flatnonzero(np.abs(np.diff(run.signals[:, place])) > np.pi)
 
@@ -56,11 +56,11 @@ def find_wraps(experiment: Experiment, run: MechanismRun, place: int) -> NDArray
 def compare_speeds(experiment: Experiment) -> dict[int, SpeedRatio]:
     """The ratio of each speed signal that has a position beside it, by its place; none where the angle wraps, or noise hides the motion."""
     positions = {
-        signal.joint: place
+        signal.name: place
         for place, signal in enumerate(experiment.signals)
-        if not signal.is_speed and not any(find_wraps(experiment, run, place).size for run in experiment.runs)
+        if signal.quantity == "position" and not any(find_wraps(experiment, run, place).size for run in experiment.runs)
     }
-    pairs = [(k, positions[s.joint]) for k, s in enumerate(experiment.signals) if s.is_speed and s.joint in positions]
+    pairs = [(k, positions[s.name]) for k, s in enumerate(experiment.signals) if s.quantity == "speed" and s.name in positions]
     found = [_compare(experiment, speed, position) for speed, position in pairs]
     return {one.speed: one for one in found if one is not None}
 
