@@ -169,7 +169,10 @@ def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 
 
 def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
-    """Friction that builds up over an angle, in all joints: a torque each, and one angle, as a share of the usual travel."""
+    """Friction that builds up over an angle, in all joints: a torque each, and one angle, as a share of the usual travel.
+
+    Dry friction is its limit, as it is Stribeck's: none of these laws is a rival that speaks against another.
+    """
     torques = _torques(mechanism, usual)
 
     def apply(plant: Plant, values: Values) -> Plant:
@@ -179,7 +182,8 @@ def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 
     bend = Parameter("bend_relative", 0.03, 1.0, may_be_zero=False)
     yield Effect("joint_hysteresis", JOINTS, "hysteresis of the joints: friction that builds up over an angle",
-                 "T = T_h z, z' = (w / b) (1 - z sgn(w)), b a share of the usual travel", "Dahl 1968", (*torques, bend), apply)  # fmt: skip
+                 "T = T_h z, z' = (w / b) (1 - z sgn(w)), b a share of the usual travel", "Dahl 1968", (*torques, bend), apply,
+                 variant_of="joint_stribeck")  # fmt: skip
 
 
 def _stop(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:

@@ -15,6 +15,7 @@ from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.load import load_mechanism
+from tests.mechanism import hopper
 from tests.mechanism.arm import Arm, Friction, record, write_campaign
 from tests.real.__main__ import put_together, read_sets
 
@@ -43,6 +44,18 @@ def test_nothing_is_said_to_be_missing_of_an_arm_that_is_as_its_model(tmp_path):
     assert found.grade == "nothing missing"
     assert not found.effects
     assert {one.id for one in found.not_seen} >= {"joint_friction", "joint_damping", "joint_inertia", "torque_scale"}
+
+
+@pytest.mark.slow
+def test_nothing_is_said_to_be_missing_of_a_hopper_whose_contact_has_another_law(tmp_path):
+    """Hunt and Crossley's sole against MuJoCo's contact, with a force plate."""
+    known_to = {"mass_relative": 0.01, "zero_offset_m": 0.0002, "contact_stiffness_relative": 0.1, "contact_damping_relative": 0.5}
+    recordings = [hopper.record(hopper.Hopper(), 5.2, seed) for seed in (0, 1)]
+    hopper.write_campaign(tmp_path / "hopper", hopper.Hopper(), recordings, known_to | {"command_delay_s": 0.001})
+    found = diagnosed(tmp_path / "hopper")
+    assert found.grade == "nothing missing"
+    assert {one.id for one in found.not_seen} >= {"contact_stiffness", "sensor_gain", "sensor_lag", "added_mass"}
+    assert any("plate_force" in name for name in found.fit)
 
 
 @pytest.mark.slow

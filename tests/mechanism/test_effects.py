@@ -70,7 +70,9 @@ def test_ids_are_unique_and_every_variant_has_its_general_law(mechanism):
     found = [effect.id for effect in effects]
     assert len(set(found)) == len(found)
     assert {effect.variant_of for effect in effects} <= {"", *found}
-    assert {effect.id for effect in effects if effect.variant_of == "joint_stribeck"} == {"joint_friction", "joint_friction_of_one"}
+    assert {effect.id for effect in effects if effect.variant_of == "joint_stribeck"} == {
+        *("joint_friction", "joint_friction_of_one", "joint_hysteresis")
+    }
 
 
 def test_the_shell_offers_ids_of_effects(mechanism):
