@@ -83,8 +83,7 @@ def fit(problem, path, free, conditions):
     names = [f"window{k}" for k in range(len(states))]
     sequences = sysid.ModelSequences("rig", spec, names, states, controls, sensors)
     residual = sysid.build_residual_fn(models_sequences=[sequences])
-    scales = np.array([one.scale for one in free])
-    _, result = sysid.optimize(parameters_of(spec, free), residual, optimizer="scipy", verbose=False, max_iters=ITERATIONS, x_scale=scales)
+    _, result = sysid.optimize(parameters_of(spec, free), residual, verbose=False, max_iters=ITERATIONS)
     return np.asarray(result.x)
 
 

@@ -33,7 +33,7 @@ SIGN = "sign"
 
 
 @dataclass(frozen=True)
-class Reading:
+class AlternativeReading:
     """A way to read columns other than as stated: factors on positions (n,) and commands (u,), and in `words` what to write instead."""
 
     words: str
@@ -50,17 +50,17 @@ class Reading:
         position, speed, acceleration = (self.position * part for part in (states.position, states.speed, states.acceleration))
         return States(position, speed, acceleration, self.command * states.command)
 
-    def also(self, other: "Reading") -> "Reading":
+    def also(self, other: "AlternativeReading") -> "AlternativeReading":
         """Both at once."""
-        return Reading(f"{self.words}, {other.words}", self.position * other.position, self.command * other.command)
+        return AlternativeReading(f"{self.words}, {other.words}", self.position * other.position, self.command * other.command)
 
 
 @dataclass(frozen=True)
 class Correction:
     """A reading with which the torques balance far better, others with which they do as well, and the imbalance before and after."""
 
-    reading: Reading
-    alternatives: tuple[Reading, ...]
+    reading: AlternativeReading
+    alternatives: tuple[AlternativeReading, ...]
     before: float
     after: float
 
@@ -94,7 +94,7 @@ def find_corrections(described: ExperimentFile, mechanism: Mechanism, states: St
     return found
 
 
-def _find_best(readings: Sequence[Reading], mechanism: Mechanism, states: States, before: float) -> Correction | None:
+def _find_best(readings: Sequence[AlternativeReading], mechanism: Mechanism, states: States, before: float) -> Correction | None:
     """The reading that balances best, None where none does far better than the imbalance `before`."""
     scores = [_imbalance(mechanism, reading.apply(states)) for reading in readings]
     after = min(scores, default=np.inf)
@@ -108,9 +108,9 @@ def _imbalance(mechanism: Mechanism, states: States) -> float:
     return float(np.sqrt(np.mean(balance_torques(mechanism, states).imbalance ** 2)))
 
 
-def _readings(described: ExperimentFile, mechanism: Mechanism, ratios: Mapping[int, SpeedRatio]) -> list[Reading]:
+def _readings(described: ExperimentFile, mechanism: Mechanism, ratios: Mapping[int, SpeedRatio]) -> list[AlternativeReading]:
     """Every joint and every command with the other sign or in another unit, then all joints and all commands at once."""
-    alike: dict[tuple[str, str], list[Reading]] = {}
+    alike: dict[tuple[str, str], list[AlternativeReading]] = {}
     joints, actuators = np.ones(len(mechanism.joints)), np.ones(len(mechanism.actuators))
     for place, signal in enumerate(described.signals):
         if signal.quantity == "position":
@@ -118,13 +118,14 @@ def _readings(described: ExperimentFile, mechanism: Mechanism, ratios: Mapping[i
             for change, factor in _changes_of_position(signal):
                 words = " and ".join(_write("signals", one, described.signals[one], change) for one in (place, *follow))
                 factors = _scale(joints, mechanism.joints.index(signal.joint), factor)
-                alike.setdefault(("signals", change), []).append(Reading(words, factors, actuators))
+                alike.setdefault(("signals", change), []).append(AlternativeReading(words, factors, actuators))
     for place, command in enumerate(described.commands):
         for change, factor in _changes_of_command(command):
             factors = _scale(actuators, mechanism.actuators.index(command.actuator), factor)
-            alike.setdefault(("commands", change), []).append(Reading(_write("commands", place, command, change), joints, factors))
+            words = _write("commands", place, command, change)
+            alike.setdefault(("commands", change), []).append(AlternativeReading(words, joints, factors))
     single = [reading for readings in alike.values() for reading in readings]
-    return [*single, *(reduce(Reading.also, readings) for readings in alike.values() if len(readings) > 1)]
+    return [*single, *(reduce(AlternativeReading.also, readings) for readings in alike.values() if len(readings) > 1)]
 
 
 def _scale(ones: Floats, place: int, factor: float) -> Floats:
