@@ -75,7 +75,8 @@ def fit(problem, path, free, conditions):
         for each in condition.windows:
             window = each.window
             t_s = np.arange(0.0, window.t_s[-1], model.opt.timestep)
-            command = np.column_stack([np.interp(t_s, window.trace.t_s, column) for column in window.trace.command.T])
+            middle_s = t_s + 0.5 * model.opt.timestep  # the toolbox holds a command over its step
+            command = np.column_stack([np.interp(middle_s, window.trace.t_s, column) for column in window.trace.command.T])
             means_s = np.array([part.mean() for part in np.split(window.t_s, window.bins[1:])])
             states.append(sysid.create_initial_state(model, window.position, window.speed))
             controls.append(sysid.TimeSeries(t_s, command))
