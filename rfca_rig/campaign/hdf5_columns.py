@@ -9,7 +9,6 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.experiment_layout import TIME_UNITS
 from rfca_rig.campaign.recorded_columns import ColumnList, ColumnRequest, RecordedColumns, find_rising
 from rfca_rig.campaign.table import FEWEST_SAMPLES
 from rfca_rig.errors import BadInput
@@ -32,9 +31,8 @@ def read_hdf5_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
         Where the file cannot be read, a dataset is missing, is no column of numbers or is not as long as the others, or a value is not
         finite.
     """
-    holds = {request.time.column: "the time", **request.holds}
     with _open(path) as file:
-        values = {name: _read_column(path, file, name, meaning) for name, meaning in holds.items()}
+        values = {name: _read_column(path, file, name, meaning) for name, meaning in request.with_time.items()}
     samples = len(values[request.time.column])
     for name, column in values.items():
         if len(column) != samples:
@@ -43,7 +41,7 @@ def read_hdf5_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
         if faulty.size:
             row = int(faulty[0])
             raise BadInput(f"{path}: column {name}: sample {row + 1} is {column[row]:g}; every sample needs a finite number")
-    return RecordedColumns(path, TIME_UNITS[request.time.unit] * values[request.time.column], values)
+    return RecordedColumns(path, request.time_of(values), values)
 
 
 def list_hdf5_columns(path: Path) -> ColumnList:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.experiment_layout import TimeSection
+from rfca_rig.campaign.experiment_layout import TIME_UNITS, TimeSection
 from rfca_rig.errors import BadInput
 
 Floats = NDArray[np.float64]
@@ -30,6 +30,15 @@ class ColumnRequest:
     time: TimeSection
     holds: Mapping[str, str]
     longest_gap_s: float
+
+    @property
+    def with_time(self) -> dict[str, str]:
+        """What each column is to hold, that of the time first."""
+        return {self.time.column: "the time", **self.holds}
+
+    def time_of(self, values: Mapping[str, Floats]) -> Floats:
+        """The times in s, of the values of all columns."""
+        return np.asarray(TIME_UNITS[self.time.unit] * values[self.time.column])
 
 
 @dataclass(frozen=True)

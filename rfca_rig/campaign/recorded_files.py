@@ -3,9 +3,9 @@
 from importlib.util import find_spec
 from pathlib import Path
 
-from rfca_rig.campaign.csv_columns import list_csv_columns, read_csv_columns
 from rfca_rig.campaign.hdf5_columns import list_hdf5_columns, read_hdf5_columns
-from rfca_rig.campaign.recorded_columns import ColumnList, ColumnRequest, RecordedColumns
+from rfca_rig.campaign.recorded_columns import ColumnList, ColumnRequest, RecordedColumns, find_rising
+from rfca_rig.campaign.table import columns, numeric_columns, read_table
 from rfca_rig.errors import BadInput
 
 CSV = ".csv"
@@ -38,7 +38,7 @@ def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
         return read_bag_columns(path, request)
     if path.suffix.lower() in HDF5:
         return read_hdf5_columns(path, request)
-    return read_csv_columns(path, request)
+    return _read_csv_columns(path, request)
 
 
 def list_columns(path: Path) -> ColumnList:
@@ -48,7 +48,10 @@ def list_columns(path: Path) -> ColumnList:
         from rfca_rig.campaign.bag_columns import list_bag_columns  # noqa: PLC0415  (optional)
 
         return list_bag_columns(path)
-    return list_hdf5_columns(path) if path.suffix.lower() in HDF5 else list_csv_columns(path)
+    if path.suffix.lower() in HDF5:
+        return list_hdf5_columns(path)
+    values = numeric_columns(read_table(path))
+    return ColumnList(values, find_rising(values))
 
 
 def find_recordings(folder: Path) -> dict[str, list[Path]]:
@@ -61,6 +64,16 @@ def find_recordings(folder: Path) -> dict[str, list[Path]]:
         "bag": sorted([*bags, *(file for file in files if file.suffix.lower() in BAGS)]),
     }
     return {kind: paths for kind, paths in found.items() if paths}
+
+
+def _read_csv_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
+    """The columns of a CSV file, whose names stand in its first line. Raises BadInput naming line and column of the first fault."""
+    table = read_table(path)
+    for name, meaning in request.with_time.items():
+        if name not in table.names:
+            raise BadInput(f"{table.path}:1: column {name}, which is to hold {meaning}, is missing; the file has {', '.join(table.names)}")
+    values = dict(zip(request.with_time, columns(table, list(request.with_time)).T, strict=True))
+    return RecordedColumns(path, request.time_of(values), values, first_line=2)
 
 
 def _is_bag(path: Path) -> bool:

@@ -78,7 +78,7 @@ def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, 
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulums.fit import fit_pendulum
-    from rfca_rig.report.pendulum_page import pendulum_report
+    from rfca_rig.report.motions_page import pendulum_report
 
     printing = Printing(pdf)
     campaign = read_pendulum_campaign(folder)
@@ -96,7 +96,7 @@ def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None,
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.mechanisms.comparison import compare_mechanism
-    from rfca_rig.report.mechanism_page import mechanism_report
+    from rfca_rig.report.motions_page import mechanism_report
 
     printing = Printing(pdf)
     experiment = read_experiment(folder)

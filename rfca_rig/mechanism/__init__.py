@@ -4,7 +4,7 @@
 2. `plant.Plant`: one version of it, which effects and nuisance parameters change.
 3. `rollout.roll`: the plant's motion from a start under recorded commands.
 4. `usual_motion.measure_usual_motion` and `effects.list_effects`: the effects for the joints of a mechanism, with plausible sizes.
-5. `torque_balance.balance_torques`: inverse dynamics of recorded states.
+5. `inverse_dynamics`: `balance_torques` of recorded states, and `compute_feed_forward` of a motion to come.
 6. `amend.write_amended_model`: the model file with what was found.
 
 MuJoCo is an optional dependency, which the diagnosis sees through this package only.

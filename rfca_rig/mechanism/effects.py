@@ -29,7 +29,7 @@ JOINTS = "joints"
 # Shares of what is usual on the rig. Below the first an effect is lost in the usual model error of 1 %; with more than the second the joint
 # would hardly move. With a tenth and ten times these bounds the log evidence of friction of a pendulum changes by less than 1.
 SMALLEST, LARGEST = 0.002, 0.8
-DRIFTS_BY = 0.3  # of a sensor's rms, per second: by more, and nobody would miss it
+DRIFTS_BY = 0.3  # of a sensor's rms, per second: a larger drift is seen without a model
 FAR = 1e6  # rad or m: the end of a range that has none
 
 
@@ -188,7 +188,7 @@ def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 
 def _stop(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     """A stop within the range that one joint travels; MuJoCo's limit, with its default stiffness."""
-    middle, half = 0.5 * (usual.highest + usual.lowest), 0.5 * (usual.highest - usual.lowest)
+    middle, half = usual.middle, usual.half_range
 
     def apply(plant: Plant, values: Values) -> Plant:
         joint, share = int(values["joint"]) - 1, values["position_relative"]

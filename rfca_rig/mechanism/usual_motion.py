@@ -42,6 +42,16 @@ class UsualMotion:
     sensors: Mapping[str, float]
 
     @property
+    def middle(self) -> Floats:
+        """(n,) the middle of each joint's range."""
+        return np.asarray(0.5 * (self.highest + self.lowest))
+
+    @property
+    def half_range(self) -> Floats:
+        """(n,) half of each joint's range."""
+        return np.asarray(0.5 * (self.highest - self.lowest))
+
+    @property
     def is_driven(self) -> bool:
         return bool((self.command > 0.0).any())
 

@@ -8,14 +8,20 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.analysis.fitting.result import describe_pair
+from rfca_rig.campaign.experiment import Experiment
+from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.diagnosis.config import STRAINED
+from rfca_rig.diagnosis.mechanisms.comparison import MechanismComparison
+from rfca_rig.diagnosis.mechanisms.fit import MECHANISM_FIT
+from rfca_rig.diagnosis.pendulums.fit import PENDULUM_FIT
+from rfca_rig.diagnosis.pendulums.windows import WINDOW_S
 from rfca_rig.diagnosis.result import Overlay
 from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
 from rfca_rig.report.diagnosis_pictures import Picture, pictures_of
 from rfca_rig.report.files import table_files, write_all
 from rfca_rig.report.named_units import words_and_unit
 from rfca_rig.report.origin import Origin
-from rfca_rig.report.residual_pictures import draw_signal_residuals
+from rfca_rig.report.residual_pictures import draw_joint_remainders, draw_signal_residuals
 from rfca_rig.report.table import Column, Foot, Row, Table
 from rfca_rig.report.table_files import as_csv
 from rfca_rig.report.templates import template
@@ -77,6 +83,31 @@ class MotionsReport:
     def json_file(self) -> str:
         """The name of the JSON file beside the page."""
         return f"{self.stem}.json"
+
+
+def pendulum_report(campaign: PendulumCampaign, model_file: str | None) -> MotionsReport:
+    """What the page says of a pendulum; `model_file` names the file that the nominal values are from, if not the campaign's own."""
+    return MotionsReport(
+        kind="swings of a pendulum",
+        title=campaign.title,
+        nominal=f"the model file {model_file}" if model_file else "pendulum.toml",
+        stem="pendulum",
+        file_format=PENDULUM_FIT,
+        window_s=WINDOW_S,
+    )
+
+
+def mechanism_report(experiment: Experiment, comparison: MechanismComparison) -> MotionsReport:
+    """What the page says of a mechanism."""
+    return MotionsReport(
+        kind="motions of a mechanism",
+        title=experiment.title,
+        nominal=f"the model file {experiment.model.name}",
+        stem="mechanism",
+        file_format=MECHANISM_FIT,
+        window_s=experiment.window_s,
+        remainders=draw_joint_remainders(comparison.joints),
+    )
 
 
 def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Origin) -> None:

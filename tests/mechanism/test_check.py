@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.diagnosis.mechanisms.check import check_experiment
+from rfca_rig.mechanism.inverse_dynamics import States, balance_torques
 from rfca_rig.mechanism.load import load_mechanism
-from rfca_rig.mechanism.torque_balance import States, balance_torques
 from tests.cli.typed import typed
 from tests.mechanism.arm import Arm, Friction, _rate, mjcf, record, write_campaign
 from tests.real.__main__ import put_together, read_sets

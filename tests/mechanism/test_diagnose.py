@@ -131,7 +131,7 @@ def test_windows_lie_beside_what_the_model_says_of_them(short):
     problem = make_problem(experiment, load_mechanism(experiment.model))
     (condition,) = problem.conditions
     rows = condition.rows()
-    predicted = problem.nominal.simulate(MechanismInput(), condition)
+    predicted = problem.simulator.simulate(MechanismInput(), condition)
     usual = np.hypot(rows.noise, 0.01 * rows.scale)
     assert np.sqrt(np.mean(((rows.measured - predicted) / usual) ** 2)) < 1.0
     assert condition.signals[:2] == ("joint1_position_rad", "joint2_position_rad")
@@ -143,9 +143,9 @@ def test_the_step_is_as_long_as_the_motion_allows(short, tmp_path):
     folder = shutil.copytree(short, tmp_path / "arm")
     model = (folder / "model.xml").read_text(encoding="utf-8")
     experiment = read_experiment(folder)
-    free_s = make_problem(experiment, load_mechanism(experiment.model)).nominal.step_s
+    free_s = make_problem(experiment, load_mechanism(experiment.model)).simulator.step_s
     (folder / "model.xml").write_text(model.replace('name="joint3"', 'name="joint3" stiffness="1000"'), encoding="utf-8")
-    stiff_s = make_problem(experiment, load_mechanism(experiment.model)).nominal.step_s
+    stiff_s = make_problem(experiment, load_mechanism(experiment.model)).simulator.step_s
     assert free_s == 4e-3
     assert 1.25e-4 < stiff_s < free_s
 

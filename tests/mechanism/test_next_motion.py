@@ -10,8 +10,7 @@ from rfca_rig.diagnosis.experiment_design.mechanism_experiment import _designs, 
 from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
-from rfca_rig.mechanism.effects import list_effects
-from rfca_rig.mechanism.feed_forward import compute_feed_forward, has_torque_motors
+from rfca_rig.mechanism.inverse_dynamics import compute_feed_forward, has_torque_motors
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import make_plant
 from rfca_rig.mechanism.rollout import CommandTrace, roll
@@ -63,8 +62,8 @@ def test_a_joint_without_a_motor_of_its_own_follows_no_reference(arm, tmp_path):
 def test_motions_keep_to_the_recorded_range_and_to_the_recorded_commands(experiment):
     mechanism = load_mechanism(experiment.model)
     problem = make_problem(experiment, mechanism)
-    simulator = problem.nominal
-    designs = list(_designs(problem, simulator))
+    simulator = problem.simulator
+    designs = list(_designs(problem))
     assert {design.settings["joint"] for design in designs} <= {"joint1", "joint2", "joint3", "all joints"}
     planned = [condition for design in designs if (condition := design.simulate(MechanismInput())) is not None]
     assert planned
@@ -80,11 +79,10 @@ def test_motions_keep_to_the_recorded_range_and_to_the_recorded_commands(experim
 def test_a_motion_that_needs_larger_commands_is_not_proposed(experiment):
     mechanism = load_mechanism(experiment.model)
     problem = make_problem(experiment, mechanism)
-    known = {effect.id: effect for effect in list_effects(mechanism, problem.usual)}
-    simulator = type(problem.nominal)(mechanism, problem.nominal.step_s, problem.nominal.columns, known)
-    values = tuple((parameter.name, float(10.0 * problem.usual.command.max())) for parameter in known["joint_friction"].parameters)
+    friction = problem.simulator.effects["joint_friction"]
+    values = tuple((parameter.name, float(10.0 * problem.usual.command.max())) for parameter in friction.parameters)
     stuck = MechanismInput(effects=(PresentEffect("joint_friction", values),))
-    assert all(design.simulate(stuck) is None for design in _designs(problem, simulator))
+    assert all(design.simulate(stuck) is None for design in _designs(problem))
 
 
 @pytest.mark.slow

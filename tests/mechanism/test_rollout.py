@@ -157,7 +157,7 @@ def test_a_model_that_is_not_there_is_said_so(tmp_path):
 
 
 def fallen(tmp_path, **changes):
-    """What the sole of a hopper reads that is let go 0.02 m above its rest, with a change of its readings."""
+    """What the sole of a hopper reads that falls from 0.02 m above its rest, with a change of its readings."""
     plant = make_plant(loaded(tmp_path, hopper.mjcf(hopper.Hopper())), 5e-4, reads_sensors=True)
     for name, value in changes.items():
         setattr(plant, name, value)

@@ -55,7 +55,7 @@ class HandFit:
 
 def list_free(problem: MechanismProblem, keys: list[str]) -> list[FreeParameter]:
     """The parameters of a law that is given by keys of [known_to], of every object that a key belongs to."""
-    mechanism, usual = problem.nominal.mechanism, problem.usual
+    mechanism, usual = problem.simulator.mechanism, problem.usual
     torque, inertia = usual.torque, usual.inertia
     sizes = {"friction": torque, "offset": 0.2 * torque, "damping": torque / usual.speed, "rotor": 0.1 * inertia}
     plain = {"_relative": 0.2, "centre_of_mass_m": 0.02, "zero_offset": 0.01, "command_delay_s": 0.004}
@@ -83,12 +83,12 @@ class Fit:
         """Measured less predicted of each condition, by signal (s, m)."""
         pairs = zip(self.free, x * self.scales, strict=True)
         at = MechanismInput(tuple(((one.key, one.place), float(value)) for one, value in pairs))
-        plant, found = self.problem.nominal.plant(at), []
+        plant, found = self.problem.simulator.plant(at), []
         for condition in conditions:
             parts = []
             for window in condition.windows:
                 try:
-                    parts.append(window.window.measured - window.move_start(self.problem.nominal.follow(plant, window.window)))
+                    parts.append(window.window.measured - self.problem.simulator.predict(plant, window))
                 except SimulationFailed:
                     parts.append(np.full(window.window.measured.shape, DIVERGED))
             found.append(np.concatenate(parts, axis=1))
@@ -96,8 +96,8 @@ class Fit:
 
     def positions(self, x, conditions):
         """The same of the positions as one vector."""
-        joints = len(self.problem.nominal.mechanism.joints)
-        return np.concatenate([one[self.problem.nominal.columns < joints].ravel() for one in self.misfits(x, conditions)])
+        joints = len(self.problem.simulator.mechanism.joints)
+        return np.concatenate([one[self.problem.simulator.columns < joints].ravel() for one in self.misfits(x, conditions)])
 
     def solve(self, conditions, start):
         """The least-squares solution."""

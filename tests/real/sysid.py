@@ -68,8 +68,8 @@ def fit(problem, path, free, conditions):
     """The values of the free parameters (p,) that the toolbox finds on these conditions."""
     spec = spec_of(path)
     model = spec.compile()
-    joints = len(problem.nominal.mechanism.joints)
-    first = [int(np.flatnonzero(problem.nominal.columns == joint)[0]) for joint in range(joints)]
+    joints = len(problem.simulator.mechanism.joints)
+    first = [int(np.flatnonzero(problem.simulator.columns == joint)[0]) for joint in range(joints)]
     states, controls, sensors = [], [], []
     for condition in conditions:
         for each in condition.windows:

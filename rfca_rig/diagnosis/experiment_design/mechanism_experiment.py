@@ -18,10 +18,12 @@ from rfca_rig.diagnosis.experiment_design.open_hypotheses import list_open_hypot
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, correct_window
-from rfca_rig.diagnosis.mechanisms.windows import MechanismSimulator, Motions
-from rfca_rig.mechanism.feed_forward import compute_feed_forward, has_torque_motors
+from rfca_rig.diagnosis.mechanisms.windows import Motions
+from rfca_rig.mechanism.inverse_dynamics import compute_feed_forward, has_torque_motors
 from rfca_rig.mechanism.load import Mechanism
+from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.rollout import CommandTrace
+from rfca_rig.mechanism.usual_motion import UsualMotion
 from rfca_rig.recording.atomic import write_atomically
 
 Floats = NDArray[np.float64]
@@ -52,17 +54,13 @@ class NextMotion:
     excitation: Excitation | None
 
 
-def propose_motion(
-    problem: MechanismProblem, simulator: MechanismSimulator, found: ModelSelectionResult, decision: Decision, enough: bool
-) -> NextMotion | None:
+def propose_motion(problem: MechanismProblem, found: ModelSelectionResult, decision: Decision, enough: bool) -> NextMotion | None:
     """What to record or to measure next; None where nothing is open or nothing would help.
 
     Parameters
     ----------
     problem
         The recordings.
-    simulator
-        With all effects.
     found, decision
         The search and its decision.
     enough
@@ -71,16 +69,18 @@ def propose_motion(
     hypotheses = list_open_hypotheses(found, decision, enough)
     if hypotheses is None:
         return None
-    designs = list(_designs(problem, simulator)) if has_torque_motors(simulator.mechanism) else []
+    mechanism = problem.simulator.mechanism
+    designs = list(_designs(problem)) if has_torque_motors(mechanism) else []
     proposal = propose(list(list_options(hypotheses, designs, enough)))
     if proposal is None:
         return None
     if proposal["kind"] != "sine":
         return NextMotion(proposal, None)
     first = hypotheses.open[0].fitted
-    joint = [*simulator.mechanism.joints, ALL].index(str(proposal["joint"]))
-    sine = _sine(problem, joint, float(str(proposal["travel_relative"])), float(str(proposal["frequency_Hz"])))
-    return NextMotion(proposal, _excite(simulator, first.coordinates.supposed(first.x), sine))
+    joint = [*mechanism.joints, ALL].index(str(proposal["joint"]))
+    sine = _sine(problem.usual, joint, float(str(proposal["travel_relative"])), float(str(proposal["frequency_Hz"])))
+    command = sine.feed_forward(problem.simulator.plant(first.coordinates.supposed(first.x)))
+    return NextMotion(proposal, Excitation(sine.t_s, sine.position, command))
 
 
 def write_excitation(path: Path, mechanism: Mechanism, excitation: Excitation) -> None:
@@ -94,27 +94,39 @@ def write_excitation(path: Path, mechanism: Mechanism, excitation: Excitation) -
     write_atomically(path, text.getvalue().encode("utf-8"))
 
 
-def _designs(problem: MechanismProblem, simulator: MechanismSimulator) -> Iterator[Design]:
+def _designs(problem: MechanismProblem) -> Iterator[Design]:
     """Sines of each joint alone, and of all together."""
-    usual, names = problem.usual, simulator.mechanism.joints
-    half = 0.5 * (usual.highest - usual.lowest)
+    usual, names = problem.usual, problem.simulator.mechanism.joints
     for joint in range(len(names) + (len(names) > 1)):
         moving = [joint] if joint < len(names) else list(range(len(names)))
         for travel in TRAVELS:
             for speed in SPEEDS:
                 # of all together, the joint that is fastest for its travel keeps to its speed
-                f_Hz = float(f"{np.min(speed * usual.speed[moving] / (2.0 * np.pi * travel * half[moving])):.2g}")
+                f_Hz = float(f"{np.min(speed * usual.speed[moving] / (2.0 * np.pi * travel * usual.half_range[moving])):.2g}")
                 if f_Hz * SECONDS < 0.5:
                     continue  # less than half a period
                 who = names[joint] if joint < len(names) else ALL
                 words = f"move {who} along a sine over {100.0 * travel:.0f} % of the recorded range at {f_Hz:g} Hz for {SECONDS:g} s"
                 settings = {"kind": "sine", "joint": who, "travel_relative": travel, "frequency_Hz": f_Hz, "seconds": SECONDS}
-                yield _design(problem, simulator, settings, words, _sine(problem, joint, travel, f_Hz))
+                yield _design(problem, settings, words, _sine(usual, joint, travel, f_Hz))
 
 
-def _sine(problem: MechanismProblem, joint: int, travel: float, frequency_Hz: float) -> tuple[Floats, Floats]:
-    """Times (m,) and reference (m, n): one joint, or for a number past the last all of them, about the middle of the recorded range."""
-    usual = problem.usual
+@dataclass(frozen=True)
+class _Reference:
+    """What the joints are to do: times (m,), and their positions, speeds and accelerations (m, n)."""
+
+    t_s: Floats
+    position: Floats
+    speed: Floats
+    acceleration: Floats
+
+    def feed_forward(self, plant: Plant) -> Floats:
+        """The commands (m, u) that it takes of a plant."""
+        return compute_feed_forward(plant, self.position, self.speed, self.acceleration)
+
+
+def _sine(usual: UsualMotion, joint: int, travel: float, frequency_Hz: float) -> _Reference:
+    """A sine of one joint, or for a number past the last of all of them, about the middle of the recorded range."""
     joints = len(usual.lowest)
     t_s = np.arange(0.0, SECONDS + STEP_S / 2.0, STEP_S)
     grown = np.sin(0.5 * np.pi * np.minimum(t_s / RISE_S, 1.0)) ** 2
@@ -122,46 +134,37 @@ def _sine(problem: MechanismProblem, joint: int, travel: float, frequency_Hz: fl
     # joints that move together differ in phase, so that their torques differ
     phase = np.arange(joints) * np.pi / 3.0 if joint == joints else np.zeros(joints)
     wave = np.sin(2.0 * np.pi * frequency_Hz * t_s[:, None] + phase) * grown[:, None]
-    middle, half = 0.5 * (usual.highest + usual.lowest), 0.5 * (usual.highest - usual.lowest)
-    return t_s, middle + travel * half * moving * wave
+    position = usual.middle + travel * usual.half_range * moving * wave
+    speed = np.gradient(position, STEP_S, axis=0)
+    return _Reference(t_s, position, speed, np.gradient(speed, STEP_S, axis=0))
 
 
-def _excite(simulator: MechanismSimulator, at: MechanismInput, sine: tuple[Floats, Floats]) -> Excitation:
-    """The reference with the commands that it takes under a hypothesis."""
-    t_s, reference = sine
-    speed = np.gradient(reference, STEP_S, axis=0)
-    return Excitation(t_s, reference, compute_feed_forward(simulator.plant(at), reference, speed, np.gradient(speed, STEP_S, axis=0)))
-
-
-def _design(
-    problem: MechanismProblem, simulator: MechanismSimulator, settings: dict[str, object], words: str, sine: tuple[Floats, Floats]
-) -> Design:
+def _design(problem: MechanismProblem, settings: dict[str, object], words: str, sine: _Reference) -> Design:
     """One recording; None under a hypothesis that needs larger commands than were recorded."""
-    like = problem.conditions[0]
-    window = like.windows[0].window
-    length_s = float(window.t_s[-1])
-    limited = simulator.mechanism.model.actuator_ctrllimited.astype(bool)
-    largest = np.where(limited, np.abs(simulator.mechanism.model.actuator_ctrlrange).min(axis=1), problem.usual.command)
-    nominal = problem.nominal.plant(MechanismInput())
+    simulator, like = problem.simulator, problem.conditions[0]
+    window, model = like.windows[0].window, simulator.mechanism.model
+    every = round(float(window.t_s[-1]) / STEP_S)
+    starts = range(round(RISE_S / STEP_S), len(sine.t_s) - every, every)
+    largest = np.where(model.actuator_ctrllimited.astype(bool), np.abs(model.actuator_ctrlrange).min(axis=1), problem.usual.command)
+    nominal = simulator.plant(MechanismInput())
 
     def simulate(at: MechanismInput) -> Motions | None:
-        excitation = _excite(simulator, at, sine)
-        if (np.abs(excitation.command).max(axis=0) > largest).any():
-            return None
-        speed = np.gradient(excitation.reference, STEP_S, axis=0)
         plant, windows = simulator.plant(at), []
-        for start in range(round(RISE_S / STEP_S), len(excitation.t_s) - round(length_s / STEP_S), round(length_s / STEP_S)):
-            start_s = float(excitation.t_s[start])
+        command = sine.feed_forward(plant)
+        if (np.abs(command).max(axis=0) > largest).any():
+            return None
+        for start in starts:
+            start_s = float(sine.t_s[start])
             planned = replace(
                 window,
                 start_s=start_s,
                 since_s=start_s,
-                trace=CommandTrace(excitation.t_s - start_s, excitation.command),
-                position=excitation.reference[start],
-                speed=speed[start],
+                trace=CommandTrace(sine.t_s - start_s, command),
+                position=sine.position[start],
+                speed=sine.speed[start],
             )
             planned = replace(planned, measured=simulator.follow(plant, planned))
-            windows.append(correct_window(planned, problem.nominal, nominal, problem.torque))
+            windows.append(correct_window(planned, simulator, nominal, problem.torque))
         return Motions(words, "next", words, like.signals, tuple(windows))
 
     return Design(settings, words, SET_UP_MIN, 2.0 * SECONDS / 60.0, REPEATS, simulate)

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from rfca_rig.analysis.swings import SMOOTHED_S
 from rfca_rig.campaign.experiment import Experiment, read_experiment
 from rfca_rig.campaign.experiment_layout import ExperimentFile
 from rfca_rig.description.toml import read_toml
@@ -14,14 +13,21 @@ from rfca_rig.diagnosis.data.observations import rms
 from rfca_rig.diagnosis.data.windows import WINDOWS_OF_CONDITION
 from rfca_rig.diagnosis.mechanisms.column_checks import CheckLine, check_commands, check_corrections, check_signals, check_speeds
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
-from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, cut_windows, make_problem, match_signals, window_starts
+from rfca_rig.diagnosis.mechanisms.problem import (
+    MechanismProblem,
+    cut_windows,
+    make_problem,
+    match_columns,
+    shortest_recording_s,
+    window_starts,
+)
 from rfca_rig.diagnosis.mechanisms.readings import Correction, find_corrections
 from rfca_rig.diagnosis.mechanisms.speeds import compare_speeds
 from rfca_rig.diagnosis.mechanisms.states import estimate_states
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.mechanism.inverse_dynamics import TorqueBalance, balance_torques
 from rfca_rig.mechanism.load import Mechanism, load_mechanism
 from rfca_rig.mechanism.nuisances import NUISANCES, OF_COMMANDS, places_of
-from rfca_rig.mechanism.torque_balance import States, balance_torques
 
 BALANCED = 0.3  # imbalance of a joint up to which its sign is right
 
@@ -47,16 +53,18 @@ def check_experiment(folder: Path) -> Iterator[CheckLine]:
     ratios = compare_speeds(experiment)
     yield from check_signals(described, experiment, ratios)
     states = estimate_states(experiment, mechanism)
-    shares = _imbalances(mechanism, states)
+    balance = balance_torques(mechanism, states)
+    shares = _imbalances(mechanism, balance)
     yield from (CheckLine("balance", name, _describe_balance(share), values={"imbalance": share}) for name, share in shares.items())
     corrections = find_corrections(described, mechanism, states, ratios)
     yield from check_corrections(corrections)
     factors = np.ones(len(mechanism.joints))
     for correction in corrections:
         states, factors = correction.reading.apply(states), factors * correction.reading.position
-    corrected = {name for name, share in _imbalances(mechanism, states).items() if share < BALANCED}
+        balance = balance_torques(mechanism, states)
+    corrected = {name for name, share in _imbalances(mechanism, balance).items() if share < BALANCED}
     yield from check_speeds(described, ratios, dict(zip(mechanism.joints, factors, strict=True)), corrected)
-    yield from check_commands(described, experiment, list(_gains(experiment, mechanism, states, corrections)))
+    yield from check_commands(described, experiment, list(_gains(experiment, mechanism, balance, corrections)))
     yield from _check_priors(experiment, mechanism)
     try:
         problem = make_problem(experiment, mechanism)
@@ -66,9 +74,9 @@ def check_experiment(folder: Path) -> Iterator[CheckLine]:
     except SimulationFailed as error:
         said = str(error).removeprefix(f"{experiment.model}: ")
         raise BadInput(f"{experiment.model}: the nominal model cannot be simulated from the recorded states: {said}") from None
-    step_ms = 1e3 * problem.nominal.step_s
-    words = f"Runge-Kutta with steps of {step_ms:g} ms, whose error is below a tenth of noise and usual model error"
-    yield CheckLine("integrator", "step", words, values={"step_s": problem.nominal.step_s})
+    step_s = problem.simulator.step_s
+    words = f"Runge-Kutta with steps of {1e3 * step_s:g} ms, whose error is below a tenth of noise and usual model error"
+    yield CheckLine("integrator", "step", words, values={"step_s": step_s})
     yield _check_conditions(problem)
 
 
@@ -82,29 +90,26 @@ def _describe_model(mechanism: Mechanism) -> CheckLine:
 
 def _check_windows(experiment: Experiment, mechanism: Mechanism) -> Iterator[CheckLine]:
     """A line per recording, and a warning where a part of it cannot be used."""
-    _, columns = match_signals(experiment, mechanism)
-    places = [mechanism.actuator(name, str(experiment.path)) for name in experiment.actuators]
+    match = match_columns(experiment, mechanism)
     for run in experiment.runs:
         steps_s, all_windows = np.diff(run.t_s), len(window_starts(run, experiment))
-        used = len(cut_windows(run, experiment, mechanism, columns, places))
+        used = len(cut_windows(run, experiment, mechanism, match))
         length_s, rate_Hz, gap_s = float(run.t_s[-1] - run.t_s[0]), 1.0 / float(np.median(steps_s)), float(steps_s.max())
         words = f"{length_s:.4g} s at {rate_Hz:.4g} Hz, largest gap {1e3 * gap_s:.3g} ms, "
         words += f"{used} of {all_windows} windows of {experiment.window_s:g} s can be used{'' if run.driven else ', not driven'}"
         values = {"length_s": length_s, "rate_Hz": rate_Hz, "largest_gap_s": gap_s, "windows": all_windows, "usable_windows": used}
         yield CheckLine("recording", run.label, words, values=values)
         if not all_windows:
-            needed_s = experiment.window_s + 2.0 * SMOOTHED_S
-            yield CheckLine("recording", run.label, f"too short for a window, which needs {needed_s:g} s; it is not used", is_warning=True)
+            said = f"too short for a window, which needs {shortest_recording_s(experiment):g} s; it is not used"
+            yield CheckLine("recording", run.label, said, is_warning=True)
         elif used < all_windows:
             said = f"{all_windows - used} windows hold or touch a gap of more than bin_s = {experiment.bin_s:g} s and are not used; "
             yield CheckLine("recording", run.label, f"{said}a longer bin_s in [windows] allows gaps", is_warning=True)
 
 
-def _imbalances(mechanism: Mechanism, states: States) -> dict[str, float]:
+def _imbalances(mechanism: Mechanism, balance: TorqueBalance) -> dict[str, float]:
     """The imbalance of each joint; none without states."""
-    if not len(states.position):
-        return {}
-    return dict(zip(mechanism.joints, balance_torques(mechanism, states).imbalance.tolist(), strict=True))
+    return dict(zip(mechanism.joints, balance.imbalance.tolist(), strict=True)) if len(balance.inertial) else {}
 
 
 def _describe_balance(share: float) -> str:
@@ -112,10 +117,9 @@ def _describe_balance(share: float) -> str:
 
 
 def _gains(
-    experiment: Experiment, mechanism: Mechanism, states: States, corrections: Sequence[Correction]
+    experiment: Experiment, mechanism: Mechanism, balance: TorqueBalance, corrections: Sequence[Correction]
 ) -> Iterator[tuple[float, float]]:
-    """For each command as it is stated gain and correlation; the states are corrected ones."""
-    balance = balance_torques(mechanism, states)
+    """For each command as it is stated gain and correlation; the balance is that of corrected states."""
     for name in experiment.actuators:
         place = mechanism.actuators.index(name)
         factor = float(np.prod([correction.reading.command[place] for correction in corrections]))
@@ -140,11 +144,10 @@ def _check_prediction(
     problem: MechanismProblem, described: ExperimentFile, experiment: Experiment, upset: Collection[str]
 ) -> Iterator[CheckLine]:
     """How far the nominal model is off in each signal; a warning where that is more than the position of a joint in `upset` changes."""
-    simulator, plant = problem.nominal, problem.nominal.plant(MechanismInput())
+    plant = problem.simulator.plant(MechanismInput())
     windows = [each for condition in problem.conditions for each in condition.windows]
-    measured = [each.window.measured for each in windows]
-    misses = [m - each.move_start(simulator.follow(plant, each.window)) for m, each in zip(measured, windows, strict=True)]
-    changes = [m - m[:, :1] for m in measured]
+    misses = [each.window.measured - problem.simulator.predict(plant, each) for each in windows]
+    changes = [each.window.measured - each.window.measured[:, :1] for each in windows]
     for place, signal in enumerate(described.signals):
         miss, change = (rms(np.concatenate([each[place] for each in of_all])) / abs(signal.factor) for of_all in (misses, changes))
         words = f"the nominal model misses it by {miss:.3g} {signal.unit} (rms) over windows of {experiment.window_s:g} s, "

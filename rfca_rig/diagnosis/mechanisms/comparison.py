@@ -9,12 +9,11 @@ from rfca_rig.campaign.experiment import Experiment
 from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.diagnosis.inference.model_selection import Progress
 from rfca_rig.diagnosis.mechanisms.fit import fit_problem
-from rfca_rig.diagnosis.mechanisms.nuisances import space_of_mechanism
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.diagnosis.mechanisms.states import estimate_states
 from rfca_rig.diagnosis.window_fit import WindowFit
+from rfca_rig.mechanism.inverse_dynamics import balance_torques
 from rfca_rig.mechanism.load import load_mechanism
-from rfca_rig.mechanism.torque_balance import balance_torques
 
 Floats = NDArray[np.float64]
 
@@ -68,8 +67,7 @@ def compare_mechanism(experiment: Experiment, progress: Progress) -> MechanismCo
     """
     mechanism = load_mechanism(experiment.model)
     problem = make_problem(experiment, mechanism)
-    space = space_of_mechanism(mechanism, experiment.known_to, problem.usual.is_driven, problem.usual.sensors)
-    fit = fit_problem(problem, space, (), progress).fit
+    fit = fit_problem(problem, problem.space, (), progress).fit
     states = estimate_states(experiment, mechanism)
     remainder = balance_torques(mechanism, states).remainder
     joints = [

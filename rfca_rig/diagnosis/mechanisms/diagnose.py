@@ -12,16 +12,12 @@ from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.experiment_design.mechanism_experiment import Excitation, propose_motion
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.mechanisms.nuisances import space_of_mechanism
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.diagnosis.mechanisms.windows import MECHANISMS
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
-from rfca_rig.errors import BadInput
-from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import Plant
-from rfca_rig.nearest import suggestion
 
 
 @dataclass(frozen=True)
@@ -57,16 +53,11 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
         Where the nominal model cannot be simulated.
     """
     progress("reading", 0.0)
-    mechanism = load_mechanism(experiment.model)
-    problem = make_problem(experiment, mechanism)
-    known = {effect.id: effect for effect in list_effects(mechanism, problem.usual)}
-    for name in without:
-        if name not in known:
-            raise BadInput(f"--without: {name!r} is no effect of this mechanism; {suggestion(name, sorted(known))}")
-    effects = [effect for effect in known.values() if effect.id not in without]
-    simulator = replace(problem.nominal, effects=known)
-    space = space_of_mechanism(mechanism, experiment.known_to, problem.usual.is_driven, problem.usual.sensors)
-    found = search_models(make_dataset(problem.conditions, simulator), Parameterization(space), effects, progress)
+    problem = make_problem(experiment, load_mechanism(experiment.model))
+    problem.check_effects("--without", without)
+    simulator = problem.simulator
+    effects = [effect for effect in simulator.effects.values() if effect.id not in without]
+    found = search_models(make_dataset(problem.conditions, simulator), Parameterization(problem.space), effects, progress)
     progress("summing up", 0.97)
     decision = decide(found)
     enough = len(problem.conditions) >= FEWEST_CONDITIONS
@@ -78,7 +69,7 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
     stated = decision.explanation if result.found_effects else found.nothing
     plant = simulator.plant(stated.fitted.coordinates.supposed(stated.marginal.posterior.mean))
     fewer = f"{problem.windows} of {problem.recorded_windows} recorded windows were used, evenly spread; windows.at_most uses more"
-    following = propose_motion(problem, simulator, found, decision, enough)
+    following = propose_motion(problem, found, decision, enough)
     result = replace(
         result,
         remarks=(*result.remarks, *((fewer,) if problem.windows < problem.recorded_windows else ())),

@@ -1,7 +1,7 @@
 """`fit_mechanism`: nominal values of a mechanism, and effects that the user names, fitted to its recordings."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,11 +11,10 @@ from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
+from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
 from rfca_rig.diagnosis.window_fit import WindowFit, WindowsOfCondition, fit_effects, summarize
 from rfca_rig.errors import BadInput
-from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.effect import Effect
@@ -54,16 +53,12 @@ def fit_mechanism(experiment: Experiment, progress: Progress, names: Collection[
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
-    mechanism = load_mechanism(experiment.model)
-    problem = make_problem(experiment, mechanism)
-    known = {effect.id: effect for effect in list_effects(mechanism, problem.usual)}
-    for name in effects:
-        if name not in known:
-            raise BadInput(f"--effects: {name!r} is no effect of this mechanism; {suggestion(name, sorted(known))}")
-    space = _select(space_of_mechanism(mechanism, experiment.known_to, problem.usual.is_driven, problem.usual.sensors), names)
+    problem = make_problem(experiment, load_mechanism(experiment.model))
+    problem.check_effects("--effects", effects)
+    space = _select(problem.space, names)
     if not (space.parameters or effects):
         raise BadInput(f"{experiment.path}: nothing to fit: [known_to] lists no value that these recordings depend on; name --effects")
-    return fit_problem(problem, space, [known[name] for name in dict.fromkeys(effects)], progress)
+    return fit_problem(problem, space, [problem.simulator.effects[name] for name in dict.fromkeys(effects)], progress)
 
 
 def fit_problem(problem: MechanismProblem, space: Space[MechanismInput], effects: Sequence[Effect], progress: Progress) -> MechanismFit:
@@ -74,19 +69,18 @@ def fit_problem(problem: MechanismProblem, space: Space[MechanismInput], effects
     problem
         The recordings in windows.
     space
-        The nuisance parameters.
+        Those of the nuisance parameters that are fitted.
     effects
         The effects that are in the model.
     progress
         Called with what is being done and the share that is done.
     """
-    simulator = replace(problem.nominal, effects={effect.id: effect for effect in effects})
     of_all = 0.5 if effects else 0.9
-    dataset = make_dataset(problem.conditions, simulator)
+    dataset = make_dataset(problem.conditions, problem.simulator)
     found = search_models(dataset, Parameterization(space), [], lambda _, share: progress("fitting nominal values", of_all * share))
     fitted = fit_effects(found, effects, progress)
     windows = [WindowsOfCondition(c.recording, tuple(each.window.start_s for each in c.windows)) for c in problem.conditions]
-    plant = simulator.plant(fitted.fitted.coordinates.supposed(fitted.marginal.posterior.mean))
+    plant = problem.simulator.plant(fitted.fitted.coordinates.supposed(fitted.marginal.posterior.mean))
     return MechanismFit(summarize(found, fitted, windows), plant)
 
 

@@ -4,25 +4,29 @@ The discrepancy of the model refers to generalised forces: an error of 1 % means
 the torque in each joint is off by 1 % of what weight and drive make there.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.analysis.fitting.space import Space
 from rfca_rig.analysis.swings import MARGIN_S, SMOOTHED_S, bin_means, bin_starts, estimate_start, sample_std
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.diagnosis.config import USUAL_ERROR
+from rfca_rig.diagnosis.data.observations import rms
 from rfca_rig.diagnosis.data.windows import group
-from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
+from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
 from rfca_rig.diagnosis.mechanisms.windows import CorrectedWindow, MechanismSimulator, Motions, Window
 from rfca_rig.diagnosis.simulator import spread
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.rollout import CommandTrace
 from rfca_rig.mechanism.usual_motion import UsualMotion, measure_usual_motion
+from rfca_rig.nearest import suggestion
 
 Floats = NDArray[np.float64]
 
@@ -37,24 +41,60 @@ class MechanismProblem:
 
     Parameters
     ----------
-    nominal
-        The simulator without effects.
+    simulator
+        The mechanism, with the effects that it may lack.
+    space
+        The nuisance parameters.
     conditions
         A few windows of each run together.
     usual
         What the recordings show of each joint.
     torque
         (n,) the torques of which USUAL_ERROR is the usual error of the model in each joint.
-    windows, recorded_windows
-        How many windows the conditions have together, and how many were recorded.
+    recorded_windows
+        How many windows the recordings have; the conditions may have fewer.
     """
 
-    nominal: MechanismSimulator
+    simulator: MechanismSimulator
+    space: Space[MechanismInput]
     conditions: tuple[Motions, ...]
     usual: UsualMotion
     torque: Floats
-    windows: int
     recorded_windows: int
+
+    @property
+    def windows(self) -> int:
+        """How many windows the conditions have together."""
+        return sum(len(condition.windows) for condition in self.conditions)
+
+    def check_effects(self, option: str, names: Collection[str]) -> None:
+        """Raises BadInput for a name, given with this option, that is no effect of the mechanism."""
+        for name in names:
+            if name not in self.simulator.effects:
+                known = suggestion(name, sorted(self.simulator.effects))
+                raise BadInput(f"{option}: {name!r} is no effect of this mechanism; {known}")
+
+
+@dataclass(frozen=True)
+class ColumnMatch:
+    """What the columns of the recordings are in the model.
+
+    Parameters
+    ----------
+    signals
+        Name of each signal, which ends with its unit.
+    columns
+        (s,) the column of each signal in positions, speeds and sensors side by side.
+    positions
+        (n,) which signal holds the position of each joint.
+    actuators
+        (c,) the place of the actuator of each recorded command.
+    """
+
+    signals: tuple[str, ...]
+    columns: NDArray[np.intp]
+    positions: NDArray[np.intp]
+    actuators: NDArray[np.intp]
 
 
 def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProblem:
@@ -67,9 +107,8 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
-    signals, columns = match_signals(experiment, mechanism)
-    places = [mechanism.actuator(name, str(experiment.path)) for name in experiment.actuators]
-    cut = [cut_windows(run, experiment, mechanism, columns, places) for run in experiment.runs]
+    match = match_columns(experiment, mechanism)
+    cut = [cut_windows(run, experiment, mechanism, match) for run in experiment.runs]
     recorded = sum(len(of_run) for of_run in cut)
     cut = [_thin(of_run, experiment.most_windows / max(recorded, 1)) for of_run in cut]
     windows = [window for of_run in cut for window in of_run]
@@ -83,13 +122,14 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
         seconds=float(windows[0].t_s[-1]),
         has_speeds=any(signal.quantity == "speed" for signal in experiment.signals),
         sensors={
-            signal.name: float(np.sqrt(np.mean(np.concatenate([window.measured[k] for window in windows]) ** 2)))
+            signal.name: rms(np.concatenate([window.measured[k] for window in windows]))
             for k, signal in enumerate(experiment.signals)
             if signal.quantity == "sensor"
         },
     )
     torque = usual.torque * experiment.known_to.get("torque_error_relative", USUAL_ERROR) / USUAL_ERROR
-    simulator = MechanismSimulator(mechanism, STEP_OF_ERRORS_S, columns, {})
+    effects = {effect.id: effect for effect in list_effects(mechanism, usual)}
+    simulator = MechanismSimulator(mechanism, STEP_OF_ERRORS_S, match.columns, effects)
     plant = simulator.plant(MechanismInput())
     corrected = [[correct_window(window, simulator, plant, torque) for window in of_run] for of_run in cut]
     step_s = choose_step(simulator, [each for of_run in corrected for each in of_run])
@@ -98,8 +138,9 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
         for part in group(of_run):
             first, last = part[0].window, part[-1].window
             name = f"{run.label}, {first.start_s:.1f} to {last.start_s + last.t_s[-1]:.1f} s"
-            conditions.append(Motions(name, run.condition, run.label, signals, tuple(part)))
-    return MechanismProblem(replace(simulator, step_s=step_s), tuple(conditions), usual, torque, len(windows), recorded)
+            conditions.append(Motions(name, run.condition, run.label, match.signals, tuple(part)))
+    space = space_of_mechanism(mechanism, experiment.known_to, usual.is_driven, usual.sensors)
+    return MechanismProblem(replace(simulator, step_s=step_s), space, tuple(conditions), usual, torque, recorded)
 
 
 def _thin(windows: list[Window], share: float) -> list[Window]:
@@ -138,13 +179,13 @@ def choose_step(simulator: MechanismSimulator, windows: Sequence[CorrectedWindow
     )
 
 
-def match_signals(experiment: Experiment, mechanism: Mechanism) -> tuple[tuple[str, ...], NDArray[np.intp]]:
-    """Names of the signals, and the column of each in positions, speeds and sensors side by side.
+def match_columns(experiment: Experiment, mechanism: Mechanism) -> ColumnMatch:
+    """What the columns of the recordings are in the model.
 
     Raises
     ------
     BadInput
-        Where a joint or sensor is not in the model, a unit does not suit, or the position of a joint is not measured.
+        Where a joint, sensor or actuator is not in the model, a unit does not suit, or the position of a joint is not measured.
     """
     where, joints = str(experiment.path), len(mechanism.joints)
     names, columns = [], []
@@ -165,19 +206,21 @@ def match_signals(experiment: Experiment, mechanism: Mechanism) -> tuple[tuple[s
     missing = [name for place, name in enumerate(mechanism.joints) if place not in columns]
     if missing:
         raise BadInput(f"{where}: no signal holds the position of joint {missing[0]!r}; every joint of the model must be measured")
-    return tuple(names), np.array(columns)
+    positions = [columns.index(joint) for joint in range(joints)]
+    actuators = [mechanism.actuator(name, where) for name in experiment.actuators]
+    return ColumnMatch(tuple(names), np.array(columns), np.array(positions), np.array(actuators, dtype=np.intp))
 
 
-def position_places(columns: NDArray[np.intp], joints: int) -> list[int]:
-    """Which signal holds the position of each joint."""
-    return [int(np.flatnonzero(columns == joint)[0]) for joint in range(joints)]
-
-
-def arrange_commands(run: MechanismRun, mechanism: Mechanism, places: Sequence[int]) -> Floats:
-    """The commands (m, u) of all actuators of the model, 0 where none was recorded; `places` are those of the recorded ones."""
+def arrange_commands(run: MechanismRun, mechanism: Mechanism, match: ColumnMatch) -> Floats:
+    """The commands (m, u) of all actuators of the model, 0 where none was recorded."""
     commands = np.zeros((len(run.t_s), len(mechanism.actuators)))
-    commands[:, list(places)] = run.commands
+    commands[:, match.actuators] = run.commands
     return commands
+
+
+def shortest_recording_s(experiment: Experiment) -> float:
+    """How long a recording must be for one window."""
+    return experiment.window_s + 2.0 * SMOOTHED_S
 
 
 def window_starts(run: MechanismRun, experiment: Experiment) -> Floats:
@@ -187,7 +230,7 @@ def window_starts(run: MechanismRun, experiment: Experiment) -> Floats:
 
 def _describe_no_window(experiment: Experiment) -> str:
     """Why no recording has a window that can be used."""
-    needed_s, longest_s = experiment.window_s + 2.0 * SMOOTHED_S, max(float(run.t_s[-1] - run.t_s[0]) for run in experiment.runs)
+    needed_s, longest_s = shortest_recording_s(experiment), max(float(run.t_s[-1] - run.t_s[0]) for run in experiment.runs)
     ask = "in [windows], or is the unit of the time another?"
     if longest_s <= needed_s:
         needs = f"no recording is longer than {needed_s:g} s, which a window of {experiment.window_s:g} s needs"
@@ -197,16 +240,13 @@ def _describe_no_window(experiment: Experiment) -> str:
     return f"{gap}: give a longer bin_s {ask}"
 
 
-def cut_windows(
-    run: MechanismRun, experiment: Experiment, mechanism: Mechanism, columns: NDArray[np.intp], places: Sequence[int]
-) -> list[Window]:
+def cut_windows(run: MechanismRun, experiment: Experiment, mechanism: Mechanism, match: ColumnMatch) -> list[Window]:
     """The windows of one run that have no gap, without the errors of their starts."""
     length_s, bin_s = experiment.window_s, experiment.bin_s
     stated = [signal.noise_std for signal in experiment.signals]
     noise = np.array([std or found for std, found in zip(stated, sample_std(run.signals), strict=True)])
-    of_joint = position_places(columns, len(mechanism.joints))
-    position, position_noise = run.signals[:, of_joint], noise[of_joint]
-    commands = arrange_commands(run, mechanism, places)
+    position, position_noise = run.signals[:, match.positions], noise[match.positions]
+    commands = arrange_commands(run, mechanism, match)
     windows = []
     for start_s in window_starts(run, experiment):
         inside = (run.t_s > start_s) & (run.t_s <= start_s + length_s)

@@ -21,8 +21,8 @@ from rfca_rig.campaign.experiment_layout import (
     SignalSection,
 )
 from rfca_rig.diagnosis.mechanisms.speeds import SpeedRatio, name_of
+from rfca_rig.mechanism.inverse_dynamics import States, balance_torques
 from rfca_rig.mechanism.load import Mechanism
-from rfca_rig.mechanism.torque_balance import States, balance_torques
 
 Floats = NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.swings import SMOOTHED_S, local_polynomial
 from rfca_rig.campaign.experiment import Experiment
-from rfca_rig.diagnosis.mechanisms.problem import arrange_commands, match_signals, position_places
+from rfca_rig.diagnosis.mechanisms.problem import arrange_commands, match_columns
+from rfca_rig.mechanism.inverse_dynamics import States
 from rfca_rig.mechanism.load import Mechanism
-from rfca_rig.mechanism.torque_balance import States
 
 Floats = NDArray[np.float64]
 
@@ -20,16 +20,14 @@ def estimate_states(experiment: Experiment, mechanism: Mechanism) -> States:
     Raises
     ------
     BadInput
-        As `match_signals`, and where a command is of no actuator of the model.
+        As `match_columns`.
     """
-    _, columns = match_signals(experiment, mechanism)
-    positions = position_places(columns, len(mechanism.joints))
-    places = [mechanism.actuator(name, str(experiment.path)) for name in experiment.actuators]
+    match = match_columns(experiment, mechanism)
     total_s = sum(float(run.t_s[-1] - run.t_s[0]) for run in experiment.runs)
     apart_s = max(experiment.bin_s, total_s / MOST_STATES)
     derivatives, commands = [], []
     for run in experiment.runs:
-        recorded, commanded = run.signals[:, positions], arrange_commands(run, mechanism, places)
+        recorded, commanded = run.signals[:, match.positions], arrange_commands(run, mechanism, match)
         for at_s in np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - SMOOTHED_S, apart_s):
             near_s = run.t_s[np.abs(run.t_s - at_s) <= SMOOTHED_S]
             if near_s.size > 1 and np.diff(near_s).max() <= experiment.bin_s:

@@ -163,7 +163,11 @@ class MechanismSimulator(Simulator):
         read = np.concatenate([motion.position, motion.speed, motion.sensors], axis=1)[:, self.columns]
         return bin_means(read, window.bins).T
 
+    def predict(self, plant: Plant, each: CorrectedWindow) -> Floats:
+        """What the plant does from the start that suits it best, (s, b). Raises SimulationFailed."""
+        return each.move_start(self.follow(plant, each.window))
+
     def simulate(self, at: MechanismInput, condition: Motions) -> Floats:
         """What the model says of a condition, (m,), from the starts that suit it best. Raises SimulationFailed."""
         plant = self.plant(at)
-        return np.concatenate([each.move_start(self.follow(plant, each.window)).ravel() for each in condition.windows])
+        return np.concatenate([self.predict(plant, each).ravel() for each in condition.windows])
