@@ -55,7 +55,7 @@ def bash(monkeypatch, capsys, line):
         ("rfca-rig fit runs/SIM-old --parameters k0,hinge", ["k0,hinge_damping"]),
         ("rfca-rig fit runs/SIM-old --parameters k0,k", ["k0,k2"]),
         ("rfca-rig fit runs/SIM-old --phases re", ["rest", "release"]),
-        ("rfca-rig fit runs/SIM-old --effects joint_damping,joint_st", ["joint_damping,joint_stribeck"]),
+        ("rfca-rig fit runs/SIM-old --effects joint_damping,joint_st", ["joint_damping,joint_stribeck", "joint_damping,joint_stop"]),
         ("rfca-rig runs --verdict hinge_b", ["hinge_backlash"]),
         ("rfca-rig runs --ended F-0", ["F-01", "F-02", "F-03", "F-04"]),
         ("rfca-rig runs --kind s", ["static"]),

@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.cli.names import MECHANISM_EFFECTS
 from rfca_rig.mechanism.amend import write_amended_model
 from rfca_rig.mechanism.effects import list_effects
-from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.mechanism.load import Sensor, load_mechanism
 from rfca_rig.mechanism.nuisances import NUISANCES, places_of
 from rfca_rig.mechanism.plant import make_plant, scale_contact_damping, scale_contact_stiffness, update_constants
 from rfca_rig.mechanism.rollout import CommandTrace, roll
@@ -73,10 +73,6 @@ def test_ids_are_unique_and_every_variant_has_its_general_law(mechanism):
     assert {effect.id for effect in effects if effect.variant_of == "joint_stribeck"} == {
         *("joint_friction", "joint_friction_of_one", "joint_hysteresis")
     }
-
-
-def test_the_shell_offers_ids_of_effects(mechanism):
-    assert set(MECHANISM_EFFECTS) <= set(effects_of(mechanism))
 
 
 @pytest.mark.parametrize(
@@ -188,6 +184,13 @@ def test_effects_of_sensors_change_readings_alone_and_those_of_contacts_the_moti
     changed = np.abs(hopped(plant) - plainly_hopped).max(axis=0)
     assert changed[2] > 1.0
     assert (changed[1] > 1e-3) == effect_id.startswith("contact")
+
+
+def test_the_shell_offers_the_ids_of_all_effects(mechanism, on_floor):
+    two_sensors = replace(USUAL_HOP, sensors={"plate_force": 20.0, "other": 1.0})
+    sensors = replace(on_floor, sensors=on_floor.sensors | {"other": Sensor(0, 1, "N")})
+    of_hopper = {effect.id for effect in list_effects(sensors, two_sensors)}
+    assert set(MECHANISM_EFFECTS) == {*effects_of(mechanism), *of_hopper}
 
 
 def test_effects_of_sensors_and_contacts_need_them(mechanism, on_floor):
