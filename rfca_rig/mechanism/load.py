@@ -1,7 +1,9 @@
 """Loads a mechanism from an MJCF or URDF file."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -65,6 +67,26 @@ class Mechanism:
     driven: NDArray[np.bool_]
     sensors: Mapping[str, "Sensor"]
     has_contacts: bool
+    _spare_data: deque[Any] = field(default_factory=deque, repr=False)
+
+    @contextmanager
+    def borrow_data(self, model: Any) -> Iterator[Any]:
+        """MuJoCo's data in the state of a new one, for a copy of this model.
+
+        A new one takes 0.26 ms, a window of an arm 0.9 ms. Threads may borrow at once; each gets its own.
+        """
+        import mujoco  # noqa: PLC0415  (optional)
+
+        try:
+            data = self._spare_data.pop()
+        except IndexError:
+            data = mujoco.MjData(model)
+        else:
+            mujoco.mj_resetData(model, data)
+        try:
+            yield data
+        finally:
+            self._spare_data.append(data)
 
     @property
     def sensor_values(self) -> dict[str, tuple[int, str]]:

@@ -111,7 +111,8 @@ def update_constants(plant: Plant) -> None:
     """Has MuJoCo derive what it keeps of masses and joints, after they were changed."""
     import mujoco  # noqa: PLC0415  (optional)
 
-    mujoco.mj_setConst(plant.model, mujoco.MjData(plant.model))
+    with plant.mechanism.borrow_data(plant.model) as data:
+        mujoco.mj_setConst(plant.model, data)
 
 
 Change = Callable[[Plant, int, float], None]

@@ -152,37 +152,41 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     SimulationFailed
         Where the simulation diverges.
     """
-    import mujoco  # noqa: PLC0415  (optional)
-
-    model, h = plant.model, plant.step_s
-    data = mujoco.MjData(model)
-    steps = int(np.ceil(t_s[-1] / h - 1e-9))
-    data.qpos[:], data.qvel[:] = position - plant.zero_offset, speed
-    data.qfrc_applied[:] = plant.torque_offset
-    commands = _commands(plant, trace, steps, since_s)
-    data.ctrl[:] = commands[0]
-    mujoco.mj_forward(model, data)  # the first step's friction asks for the actuators' torques
-    path_q, path_w = np.empty((steps + 1, model.nv)), np.empty((steps + 1, model.nv))
-    path_s = np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0))
-    friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss, plant.hysteresis])
-    carry(
-        _step_address(), model._address, data._address,
-        data.qpos, data.qvel, data.ctrl, data.qfrc_actuator, data.qfrc_applied, model.dof_frictionloss,
-        commands, friction, plant.torque_offset, np.zeros(model.nv), h, path_q, path_w, data.sensordata, path_s,
-    )  # fmt: skip
+    h = plant.step_s
+    commands = _commands(plant, trace, int(np.ceil(t_s[-1] / h - 1e-9)), since_s)
+    path_q, path_w, path_s = _integrate(plant, commands, position - plant.zero_offset, speed)
     if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
         raise SimulationFailed(f"the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
     read_w = path_w
     if plant.speed_lag_s > 0.0:
         read_w = path_w.copy()
         lag(read_w, 1.0 - float(np.exp(-h / plant.speed_lag_s)))
-    if path_s.size:
-        mujoco.mj_forward(model, data)
-        path_s[-1] = data.sensordata
-    place = np.minimum((t_s / h).astype(np.intp), steps - 1)
+    place = np.minimum((t_s / h).astype(np.intp), len(commands) - 1)
     x = (t_s / h - place)[:, None]
     position = _between(path_q, path_w, place, x, h) + plant.zero_offset
     return Motion(position, read_w[place] + x * (read_w[place + 1] - read_w[place]), _read_sensors(plant, path_s, t_s, since_s))
+
+
+def _integrate(plant: Plant, commands: Floats, position: Floats, speed: Floats) -> tuple[Floats, Floats, Floats]:
+    """Positions and speeds (k + 1, n) and sensors (k + 1, d) at the ends of the steps of `commands` (k, u)."""
+    import mujoco  # noqa: PLC0415  (optional)
+
+    model, steps = plant.model, len(commands)
+    path_q, path_w = np.empty((steps + 1, model.nv)), np.empty((steps + 1, model.nv))
+    path_s = np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0))
+    friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss, plant.hysteresis])
+    with plant.mechanism.borrow_data(model) as data:
+        data.qpos[:], data.qvel[:], data.ctrl[:], data.qfrc_applied[:] = position, speed, commands[0], plant.torque_offset
+        mujoco.mj_forward(model, data)  # the first step's friction asks for the actuators' torques
+        carry(
+            _step_address(), model._address, data._address,
+            data.qpos, data.qvel, data.ctrl, data.qfrc_actuator, data.qfrc_applied, model.dof_frictionloss,
+            commands, friction, plant.torque_offset, np.zeros(model.nv), plant.step_s, path_q, path_w, data.sensordata, path_s,
+        )  # fmt: skip
+        if path_s.size:
+            mujoco.mj_forward(model, data)
+            path_s[-1] = data.sensordata
+    return path_q, path_w, path_s
 
 
 def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Floats:
