@@ -61,8 +61,8 @@ def ground_law(rig: RigModel, height_m: float) -> GroundLaw:
 def push(law: GroundLaw, ends: Ends, ties: Floats, step_begins: bool, contact: Floats) -> None:
     """Writes the ground's push into `ends.wrench` (force, torque about the centre of mass) and `contact` (2, n) = N, F.
 
-    `ties` (n, 3): the anchor of each end, and its link's angle and indentation where the step began. There the anchors of sliding ends
-    follow and those of ends in the air wait below them.
+    `ties` (n, 5): the anchor of each end, and where the step began its link's angle, its indentation, its stretch and mu N. There the
+    anchors of sliding ends follow and those of ends in the air wait below them. Under a growing mu N a tie keeps its force.
     """
     angle = 0.0
     for k in range(ends.hinge_angle.size):
@@ -77,14 +77,18 @@ def push(law: GroundLaw, ends: Ends, ties: Floats, step_begins: bool, contact: F
         arm = law.lever - law.lever_rise * indentation
         less = 0.5 * law.lever_rise * (ties[k, 2] + indentation) * (angle - ties[k, 1])
         off = x - law.lever * angle + less - ties[k, 0]
+        limit, share = law.mu * N, 0.0
+        if limit > 0.0:
+            kept = min(1.0, ties[k, 4] / limit)  # of the stretch where the step began
+            share = kept * ties[k, 3] + 0.5 * (1.0 + kept) * (off - ties[k, 3])
+            share = min(max(share / law.presliding, -1.0), 1.0)
         if step_begins:
-            reach = law.presliding if N > 0.0 else 0.0
-            held = min(max(off, -reach), reach)
+            held = law.presliding * share
             ties[k, 0], ties[k, 1], ties[k, 2] = ties[k, 0] + off - held - less, angle, indentation
-            off = held
+            ties[k, 3], ties[k, 4] = held, limit
         F = 0.0
         if indentation > 0.0:
-            F = -law.mu * N * min(max(off / law.presliding, -1.0), 1.0) - law.drag * (v_x - arm * turning)
+            F = -limit * share - min(1.0, N) * law.drag * (v_x - arm * turning)  # full drag from 1 N on
         contact[0, k], contact[1, k] = N, F
         wrench, centre = ends.wrench[k + 1], ends.mass_centre[k + 1]
         wrench[0], wrench[2] = F, N

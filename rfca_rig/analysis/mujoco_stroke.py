@@ -100,7 +100,8 @@ def _pushed_by_ground(rig: RigModel, height_m: float, leg: MujocoLeg, contact: F
     ends = Ends(data.site_xpos, data.xipos, data.subtree_com[1], data.cvel, data.qpos, data.xfrc_applied)
     law = ground_law(rig, height_m)
     angle = np.cumsum(data.qpos)
-    ties = np.column_stack([data.site_xpos[:, 0] - law.lever * angle, angle, np.zeros_like(angle)])
+    zeros = np.zeros_like(angle)
+    ties = np.column_stack([data.site_xpos[:, 0] - law.lever * angle, angle, zeros, zeros, zeros])
     step_begins = True
 
     def ask(*_: object) -> None:

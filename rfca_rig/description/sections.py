@@ -63,19 +63,19 @@ class GroundSection(Section):
     """[ground]: a level floor that each link end touches on its own.
 
     Normal force = stiffness * depth^1.5 * (1 + damping * approach speed); Coulomb friction with stick at the lowest point.
-    The last five keys are optional, because `rfca-campaign/1` does not state the law of a sticking contact. The lever of friction
-    about a link's end is the link's radius where none is given; friction acts `friction_rise_share` of the depth above the lowest point,
-    and that share of the damping which the last key tells acts while an end leaves. The defaults of the other two are what campaigns
-    with nothing left out show: over 27 strokes fy regressed on fz and slip speed holds a viscous share of
-    1.94 N s/m beside mu N that does not depend on N; and a tie that carries mu N at 0.1 mm reproduces both the touchdown of strokes
-    (a few newtons, 3e4 N/m) and the reversals of static stages (50 N, 2e5 N/m), which no fixed stiffness does.
+    The last five keys are optional. Without them the floor is that of eq. (18), Coulomb's, with a point that yields 0.1 mm before it
+    slides. `tangential_damping_N_s_per_m` is a force proportional to the sliding speed, in full from a normal force of 1 N on. The lever
+    of friction about a link's end is the link's radius where none is given; friction acts `friction_rise_share` of the depth above the
+    lowest point, and that share of the damping which the last key tells acts while an end leaves. A tie that carries mu N at 0.1 mm
+    reproduces both the touchdown of recorded strokes (a few newtons, 3e4 N/m) and the reversals of static stages (50 N, 2e5 N/m), which no
+    fixed stiffness does.
     """
 
     contact_stiffness_N_per_m1p5: Positive
     contact_damping_s_per_m: NotNegative
     friction_coefficient: Annotated[float, Field(ge=0, le=5)]
     presliding_mm: Positive = 0.1
-    tangential_damping_N_s_per_m: NotNegative = 2.0
+    tangential_damping_N_s_per_m: NotNegative = 0.0
     friction_lever_mm: float | None = None
     friction_rise_share: float = 0.0
     leaving_damping_share: float = 1.0

@@ -38,6 +38,8 @@ start_angle_rad = 0.226893
 contact_stiffness_N_per_m1p5 = 1.0e5
 contact_damping_s_per_m = 1.0
 friction_coefficient = 0.45
+presliding_mm = 0.1
+tangential_damping_N_s_per_m = 2.0
 
 [sensor]
 below_shaft_mm = 45.0

@@ -36,6 +36,7 @@ Floats = NDArray[np.float64]
 ) = range(22)
 
 TYPICAL_DEPTH_M = 3e-3  # under the paper's loads; laws of other powers are compared there
+DRAGGED_FROM_N = 1.0  # a viscous share needs contact: an end that is hardly pressed is hardly dragged
 ELASTIC_SHARE = 0.7  # of the way to full friction that a straight line of the first slope would take
 
 
@@ -102,7 +103,7 @@ def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: flo
             used[k] = share
             continue
         N = normal_force(floor, depth, rate)
-        F = -friction_limit(floor, slip, share) * abs(N) * share - floor[DRAG] * slip
+        F = -friction_limit(floor, slip, share) * abs(N) * share - floor[DRAG] * np.tanh(abs(N) / DRAGGED_FROM_N) * slip
         load[FY, k] += F * cos - N * sin
         load[FD, k] -= F * sin + N * cos
         load[MOMENT, k] -= lever * F

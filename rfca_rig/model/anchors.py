@@ -8,7 +8,7 @@ therefore cut short right behind a turn, and the anchors are put where the end h
 import numpy as np
 
 from rfca_rig.model.compiled import inlined
-from rfca_rig.model.contact import less_rolled
+from rfca_rig.model.contact import less_rolled, stretch_after
 from rfca_rig.model.state import Chain, Floats, State, Work
 
 MISSED_SHARE = 0.02  # of the presliding: how far an end may go back unnoticed; that share of mu N is wrong for the step
@@ -47,18 +47,23 @@ def tie_anchors(chain: Chain, state: State, h: float, q: Floats, work: Work) -> 
         y += work.down[k]
         less = less_rolled(chain, state, k, q, work)
         s = y - chain.lever * q[k] + less
-        depth, rate, slip = work.place[k, 0], work.place[k, 1], work.place[k, 3]
-        reach, tied = (chain.presliding if depth > 0.0 else 0.0), state.anchor[k]
-        back = went_back(chain, h, k, work)
+        depth, rate, slip, limit = work.place[k, 0], work.place[k, 1], work.place[k, 3], work.limit[1, k]
+        stretch, back = s - state.anchor[k], went_back(chain, h, k, work)
         if back > 0.0:
-            farthest = s + back * np.sign(work.ends[k, 3])
-            tied = min(max(tied, farthest - reach), farthest + reach)
+            there = back * np.sign(work.ends[k, 3])
+            stretch = stretch_after(chain, k, stretch + there, limit, work) - there
             changed = True
         elif depth > 0.0 and work.ends[k, 0] <= 0.0:
-            tied = s - slip * (min(depth / rate, h) if rate > 0.0 else h)
+            touched_s = min(depth / rate, h) if rate > 0.0 else h
+            stretch = 0.5 * slip * touched_s  # the limit has grown from zero meanwhile
             changed = True
-        state.anchor[k] = min(max(tied, s - reach), s + reach) - less
+        else:
+            stretch = stretch_after(chain, k, stretch, limit, work)
+        reach = chain.presliding if depth > 0.0 else 0.0
+        state.anchor[k] = s - min(max(stretch, -reach), reach) - less
     note_ends(chain, state, q, work)
+    for k in range(chain.length.size):
+        work.limit[2, k] = work.limit[1, k]
     return changed
 
 

@@ -10,6 +10,8 @@ from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
 Normal = tuple[float, float, float]
 Tangential = tuple[float, float, float, float]
 
+FULL_DRAG_N = 1.0  # viscous drag grows with the normal force up to here: an end that is hardly pressed is hardly dragged
+
 
 @inlined
 def normal_force(stiffness: float, damping: float, depth: float, rate: float) -> tuple[float, float, float]:
@@ -59,22 +61,43 @@ def friction_factor(laws: Laws, slip: float, normal: float, work: Work) -> tuple
 
 
 @inlined
+def carry_stretch(stretch: float, limit: float, begun: float, begun_limit: float) -> tuple[float, float, float]:
+    """What a tie carries, as a stretch times a friction limit, and its derivatives by both.
+
+    The stiffness of a tie is the limit mu N over presliding. The step began with the stretch `begun` under the limit `begun_limit`. Where
+    the limit falls, the force falls with it. Where it grows, the force that is there stays and only further stretch is stiffer: a force
+    that grew with the limit would give back more energy than the tie took.
+    """
+    if limit < begun_limit:
+        return limit * stretch, limit, stretch
+    mean, more = 0.5 * (limit + begun_limit), stretch - begun
+    return begun_limit * begun + mean * more, mean, 0.5 * more
+
+
+@inlined
 def tangential_force(
-    presliding: float, drag: float, mu: float, mu_v: float, stretch: float, slip: float, normal: float
-) -> tuple[float, float, float, float]:
+    chain: Chain, friction: tuple[float, float, float], stretch: float, slip: float, normal: float, begun: float, begun_limit: float
+) -> Tangential:
     """Coulomb friction with stick as a state, eqs. (18)-(19): (F, dF/d stretch, dF/d slip, dF/dN).
 
     The lowest point is tied to an anchor; the tie carries mu N at the stretch `presliding`, and beyond it the anchor is dragged
-    along. A leg at rest keeps its force for ever, which a law in the sliding speed alone would let creep to zero. `drag` acts
-    beside it, stuck or not. Where an end is pulled down (N < 0, adhesion) friction has the magnitude of N.
+    along. A leg at rest keeps its force for ever, which a law in the sliding speed alone would let creep to zero. Drag acts
+    beside it, stuck or not, and vanishes with the normal force. Where an end is pulled down (N < 0, adhesion) friction has the magnitude
+    of N. `friction` is mu with its derivatives by slip and N; `begun` and `begun_limit` are as in `carry_stretch`.
     """
+    mu, mu_v, mu_N = friction
     pressed, sign = abs(normal), 1.0 if normal >= 0.0 else -1.0
-    share = -stretch / presliding
-    if share > 1.0:
-        return mu * pressed - drag * slip, 0.0, mu_v * pressed - drag, sign * mu
-    if share < -1.0:
-        return -mu * pressed - drag * slip, 0.0, -mu_v * pressed - drag, -sign * mu
-    return mu * pressed * share - drag * slip, -mu * pressed / presliding, mu_v * pressed * share - drag, sign * mu * share
+    limit = mu * pressed
+    carried, F_s, F_limit = carry_stretch(stretch, limit, begun, begun_limit)
+    F, F_s, F_limit = -carried / chain.presliding, -F_s / chain.presliding, -F_limit / chain.presliding
+    if abs(F) > limit:
+        F_limit = 1.0 if F > 0.0 else -1.0
+        F, F_s = F_limit * limit, 0.0
+    drag, drag_N = chain.drag, 0.0
+    if pressed < FULL_DRAG_N:
+        drag, drag_N = chain.drag * pressed / FULL_DRAG_N, chain.drag * sign / FULL_DRAG_N
+    F_N = F_limit * (mu * sign + mu_N * pressed) - drag_N * slip
+    return F - drag * slip, F_s, F_limit * mu_v * pressed - drag, F_N
 
 
 @inlined
@@ -112,10 +135,12 @@ def add_contacts(chain: Chain, w: Floats, weights: Weights | None, work: Work) -
     """Ground forces at the located ends, also into `work.contact` (2, n) = N, F; for a chain without effects in its ground."""
     place, contact = work.place, work.contact
     for k in range(place.shape[0]):
-        contact[0, k] = contact[1, k] = work.regime[0, k] = 0.0
+        contact[0, k] = contact[1, k] = work.regime[0, k] = work.limit[0, k] = 0.0
         if place[k, 0] > 0.0:
             normal = plain_normal_force(chain, place[k, 0], place[k, 1])
-            tangential = tangential_force(chain.presliding, chain.drag, chain.mu, 0.0, place[k, 2], place[k, 3], normal[0])
+            friction = (chain.mu, 0.0, 0.0)
+            tangential = tangential_force(chain, friction, place[k, 2], place[k, 3], normal[0], work.ends[k, 2], work.limit[2, k])
+            work.limit[0, k] = chain.mu * normal[0]
             contact[0, k], contact[1, k] = normal[0], tangential[0]
             work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
             add_contact(chain, k, normal, tangential, w, weights, work)
@@ -126,17 +151,15 @@ def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weig
     """The same with laws of effects, and with a frame that yields. Kept apart, as the branches would slow the plain chain."""
     place, contact = work.place, work.contact
     for k in range(place.shape[0]):
-        contact[0, k] = contact[1, k] = work.regime[0, k] = 0.0
+        contact[0, k] = contact[1, k] = work.regime[0, k] = work.limit[0, k] = 0.0
         if place[k, 0] > 0.0:
             plain = plain_normal_force(chain, place[k, 0], place[k, 1])
             more = added_normal_force(laws, place[k, 0], place[k, 1], work)
             normal = (plain[0] + more[0], plain[1] + more[1], plain[2] + more[2])
             factor, factor_v, factor_N = friction_factor(laws, place[k, 3], normal[0], work)
-            mu, mu_v = chain.mu * factor, chain.mu * factor_v
-            F, F_s, F_v, F_N = tangential_force(chain.presliding, chain.drag, mu, mu_v, place[k, 2], place[k, 3], normal[0])
-            if factor_N != 0.0 and factor != 0.0:
-                F_N += (F + chain.drag * place[k, 3]) * factor_N / factor
-            tangential = (F, F_s, F_v, F_N)
+            friction = (chain.mu * factor, chain.mu * factor_v, chain.mu * factor_N)
+            tangential = tangential_force(chain, friction, place[k, 2], place[k, 3], normal[0], work.ends[k, 2], work.limit[2, k])
+            work.limit[0, k] = friction[0] * abs(normal[0])
             contact[0, k], contact[1, k] = normal[0], tangential[0]
             work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
             add_contact(chain, k, normal, tangential, w, weights, work)
@@ -190,6 +213,15 @@ def add_frame_contact(chain: Chain, k: int, normal: Normal, tangential: Tangenti
 
 
 @inlined
+def stretch_after(chain: Chain, k: int, stretch: float, limit: float, work: Work) -> float:
+    """The stretch of end k's tie after a step to `stretch` under the friction limit `limit`: what it carries, at its stiffness now."""
+    if work.place[k, 0] <= 0.0 or limit <= 0.0:
+        return 0.0
+    carried, _, _ = carry_stretch(stretch, limit, work.ends[k, 2], work.limit[2, k])
+    return min(max(carried / limit, -chain.presliding), chain.presliding)
+
+
+@inlined
 def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
     """At rest or where nothing turned back, the ends located in `work`: anchors follow slipping ends, and wait below those in the air."""
     y = q[chain.length.size] * chain.floor_sin if q.size > chain.length.size else 0.0
@@ -197,5 +229,4 @@ def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
         y += work.down[k]
         less = less_rolled(chain, state, k, q, work)
         s = y - chain.lever * q[k] + less
-        reach = chain.presliding if work.place[k, 0] > 0.0 else 0.0
-        state.anchor[k] = min(max(state.anchor[k], s - reach), s + reach) - less
+        state.anchor[k] = s - stretch_after(chain, k, s - state.anchor[k], work.limit[0, k], work) - less

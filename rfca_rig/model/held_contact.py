@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rfca_rig.model.anchors import note_ends
 from rfca_rig.model.compiled import compiled_allocating
 from rfca_rig.model.contact import drag_anchors
 from rfca_rig.model.forces import assemble
@@ -49,8 +50,9 @@ def turn_shaft(chain: Chain, state: State, angle: float, nothing: Floats, work: 
     """
     q = state.q
     step, tried = STEP_RAD, q.copy()
+    work.limit[2] = np.inf
     assemble(chain, None, state, 0.0, q, nothing, nothing, None, work)
-    work.ends[:, 0] = work.place[:, 0]
+    work.ends[:], work.limit[2] = work.place, work.limit[0]
     while q[0] != angle:
         left = angle - q[0]
         goal = angle if abs(left) <= step else q[0] + np.sign(left) * step
@@ -59,7 +61,8 @@ def turn_shaft(chain: Chain, state: State, angle: float, nothing: Floats, work: 
             tried[0] = goal
             assemble(chain, None, state, 0.0, tried, nothing, nothing, None, work)
             drag_anchors(chain, state, tried, work)
-            work.ends[:, 0] = work.place[:, 0]
+            note_ends(chain, state, tried, work)
+            work.limit[2] = work.limit[0]
             q[:] = tried
             step = min(2.0 * step, STEP_RAD)
         else:

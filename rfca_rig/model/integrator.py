@@ -43,6 +43,8 @@ def start(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: float,
     """Accelerations that go with the angles and speeds of `state`, where the last step's do not hold any more."""
     for i in range(state.q.size):
         work.base_q[i], work.base_w[i], work.a[i], work.jerk[i] = state.q[i], state.w[i], state.a[i], 0.0
+    for k in range(state.anchor.size):
+        work.limit[2, k] = np.inf  # each tie carries what its stretch says
     if not solve_stage(chain, laws, shaft, state, 0.0, t + JUST_AFTER_S, 0.0, 1.0, False, work):
         return False
     for i in range(state.q.size):
@@ -51,6 +53,8 @@ def start(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: float,
         _, state.w[0], state.a[0] = shaft_at(shaft, t + JUST_AFTER_S)
     locate_ends(chain, state, state.q, state.w, work)
     note_ends(chain, state, state.q, work)
+    for k in range(state.anchor.size):
+        work.limit[2, k] = work.limit[0, k]
     return True
 
 
@@ -121,6 +125,8 @@ def remember(chain: Chain, laws: Laws | None, state: State, h: float, work: Work
 @inlined
 def accept(chain: Chain, laws: Laws | None, state: State, t: float, t_new: float, first: int, work: Work, out: Samples) -> tuple[int, bool]:
     """Takes over the step in `work`: samples, anchors, memory, state. Returns the next sample's index, and whether forces jumped."""
+    for k in range(state.anchor.size):
+        work.limit[1, k] = work.limit[0, k]
     first = fill_samples(chain, laws, state, t, t_new, first, work, out)
     h, q, w, a, old_w, old_a = t_new - t, work.q, work.w, work.a, state.w, state.a
     for i in range(q.size):

@@ -26,7 +26,7 @@ class Ground:
     """A level floor: normal force stiffness * depth^1.5 * (1 + damping * approach speed), Coulomb friction with stick.
 
     The tangential pair is the floor's own: a sticking point yields in proportion to the force, by `presliding` at the limit
-    mu N; `drag` is a small viscous share that acts on every touching point beside the Coulomb force. Friction turns a link on the
+    mu N; `drag` is a viscous force beside the Coulomb force, in full from a normal force of 1 N on. Friction turns a link on the
     `friction_lever` about its end: None for the radius of the tip, as friction acts at the circle's lowest point. Where a tip is deep in
     the floor, friction may act higher than that: `friction_rise_share` of the depth, 1 at the floor's surface. As much as
     `leaving_damping_share` of the damping of a tip that enters acts on one that leaves.

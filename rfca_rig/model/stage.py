@@ -43,6 +43,7 @@ def room_to_work(coordinates: int, links: int) -> Work:
         force=np.zeros(3),
         place=np.zeros((links, 4)),
         ends=np.zeros((links, 4)),
+        limit=np.full((3, links), np.inf),
         regime=regimes[0],
         regime_of_J=regimes[1],
         outside=np.zeros(2),

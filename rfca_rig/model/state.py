@@ -122,7 +122,8 @@ class Work(NamedTuple):
     made; `outside` (2,) the force of the surroundings on the leg along y and down; `x` and `out` (8,) go to and from the laws of
     effects. `q`, `w`, `a` are those of the stage in work, `stage_w` and `stage_a` (4, coordinates) those of the step's stages;
     `jerk` is what the last step says of the acceleration's change, and `ends` (n, 4) are depth, sinking, stretch and slip of the
-    ends where the step begins.
+    ends where the step begins. `limit` (3, n) is the friction limit mu |N| of the ends: as last evaluated, at the end of the step, and
+    where it begins. An infinite one at the beginning says that the stretch alone tells what a tie carries.
     """
 
     R: Floats
@@ -149,6 +150,7 @@ class Work(NamedTuple):
     force: Floats
     place: Floats
     ends: Floats
+    limit: Floats
     regime: Floats
     regime_of_J: Floats
     outside: Floats

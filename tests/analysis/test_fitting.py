@@ -120,7 +120,7 @@ def test_standard_errors_are_the_errors_made():
 
 
 def test_an_encoder_that_reads_too_little_is_noticed():
-    made = recording(9)
+    made = recording(9, truth={"k0": 11.0, "friction": 0.45, "height": 0.0})
     off_deg = 0.4
     strokes = tuple(with_encoder_off(stroke, -np.radians(off_deg)) for stroke in made.strokes)
     belief = {**KNOWN_TO, "start_angle_deg": 0.3}

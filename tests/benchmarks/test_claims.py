@@ -16,7 +16,7 @@ ROUGH = changed(MORE_FRICTION, {"friction_coefficient": 0.6})
 def test_the_calibrated_leg_presses_with_a_third_of_the_measured_force_and_whips_with_less_than_half():
     peak = peaks(passes(PAPER, count=1), 0)
     assert (peak["loading"].fy_N, peak["loading"].fz_N) == pytest.approx((-48.0, -88.0), abs=2.0)
-    assert (peak["whip"].fy_N, peak["whip"].fz_N) == pytest.approx((41.7, 117.3), abs=2.0)
+    assert (peak["whip"].fy_N, peak["whip"].fz_N) == pytest.approx((45.4, 135.0), abs=2.0)
 
 
 def test_stops_that_table_2_does_not_see_raise_the_force_of_the_impact_test():

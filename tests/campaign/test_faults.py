@@ -87,20 +87,20 @@ TOMLS: dict[str, tuple[Change, str]] = {
     "misspelt key": (swap("friction_coefficient", "friction_coeficient"), "18: ground.friction_coeficient: unknown key; did you mean "),
     "unknown section": (swap("[ground]", "[floor]\nx = 1\n[ground]"), f"{TOML}:14: floor: unknown key; known are format, title, leg"),
     "no [leg]": (lambda text: text[: text.index("[leg]")] + text[text.index("[ground]") :], f"{TOML}: leg: missing"),
-    "missing height": (swap("height_mm = 215.0\n", ""), f"{TOML}:39: runs[1].height_mm: missing"),
-    "height as text": (swap("height_mm = 235.0", 'height_mm = "235"'), f"{TOML}:56: runs[3].height_mm: should be a number"),
-    "speed backwards": (swap("speed_rad_s = 3.25", "speed_rad_s = -3.25"), f"{TOML}:57: runs[3].speed_rad_s: should be greater than 0"),
-    "another experiment": (swap('"static"', '"quasi-static"'), "67: runs[5]: 'experiment' should be one of 'dynamic', 'static', not 'q"),
-    "not TOML": (swap("ramp_s = 0.05", "ramp_s = 0,05"), f"{TOML}:27: not TOML at column 11: "),
+    "missing height": (swap("height_mm = 215.0\n", ""), f"{TOML}:41: runs[1].height_mm: missing"),
+    "height as text": (swap("height_mm = 235.0", 'height_mm = "235"'), f"{TOML}:58: runs[3].height_mm: should be a number"),
+    "speed backwards": (swap("speed_rad_s = 3.25", "speed_rad_s = -3.25"), f"{TOML}:59: runs[3].speed_rad_s: should be greater than 0"),
+    "another experiment": (swap('"static"', '"quasi-static"'), "69: runs[5]: 'experiment' should be one of 'dynamic', 'static', not 'q"),
+    "not TOML": (swap("ramp_s = 0.05", "ramp_s = 0,05"), f"{TOML}:29: not TOML at column 11: "),
     "unclosed text": (swap('title = "A small campaign"', 'title = "A small campaign'), f"{TOML}:2: not TOML at column "),
     "no runs": (lambda text: text[: text.index("[[runs]]")], f"{TOML}: runs: missing"),
-    "a missing file": (swap(RUNS, "runs/dynamic-4.csv"), f"{TOML}:62: runs[4].file: runs/dynamic-4.csv is not there; did you mean {RUNS}?"),
-    "a file named twice": (swap(RUNS, DYNAMIC), f"{TOML}:62: runs[4].file: {DYNAMIC} is already the file of runs[2]"),
-    "a file outside": (swap(RUNS, "../secret.csv"), f"{TOML}:62: runs[4].file: must lie inside the campaign's folder"),
-    "a Windows path": (swap(f'"{RUNS}"', r"'runs\dynamic-04.csv'"), f"{TOML}:62: runs[4].file: write / between folder and file"),
+    "a missing file": (swap(RUNS, "runs/dynamic-4.csv"), f"{TOML}:64: runs[4].file: runs/dynamic-4.csv is not there; did you mean {RUNS}?"),
+    "a file named twice": (swap(RUNS, DYNAMIC), f"{TOML}:64: runs[4].file: {DYNAMIC} is already the file of runs[2]"),
+    "a file outside": (swap(RUNS, "../secret.csv"), f"{TOML}:64: runs[4].file: must lie inside the campaign's folder"),
+    "a Windows path": (swap(f'"{RUNS}"', r"'runs\dynamic-04.csv'"), f"{TOML}:64: runs[4].file: write / between folder and file"),
     "a repeat twice": (
         swap("repeat = 2\n\n[[runs]]\nexperiment = \"static\"", "repeat = 1\n\n[[runs]]\nexperiment = \"static\""),
-        f"{TOML}:65: runs[4].repeat: 235 mm, 3.25 rad/s, repeat 1 is already runs[3] (runs/dynamic-03.csv)",
+        f"{TOML}:67: runs[4].repeat: 235 mm, 3.25 rad/s, repeat 1 is already runs[3] (runs/dynamic-03.csv)",
     ),
     "a CSV that no run names": (
         lambda text: text[: text.index('[[runs]]\nexperiment = "static"')],
@@ -148,4 +148,4 @@ def test_several_faults_in_campaign_toml_are_counted(tmp_path: Path):
     edit(campaign / TOML, swap("k0_relative = 0.03", "k0_relativ = 0.03"))
     edit(campaign / TOML, swap("ramp_s = 0.05", "ramp_s = 0"))
     edit(campaign / TOML, swap("repeat = 1", "repeat = 0"))
-    assert refusal(campaign, tmp_path) == "campaign.toml:34: known_to.k0_relativ: unknown key; did you mean k0_relative? (and 2 more)"
+    assert refusal(campaign, tmp_path) == "campaign.toml:36: known_to.k0_relativ: unknown key; did you mean k0_relative? (and 2 more)"

@@ -46,7 +46,7 @@ def test_a_dry_run_of_a_million_says_what_a_cycle_is_how_many_there_are_and_how_
     said = typed(monkeypatch, capsys, "fatigue", "run", "--dry-run")
     assert said.exit_code == 0
     assert "a cycle at 222.8 mm bends the leg by 110.0 deg between first and last link, with the shaft at 148 deg" in said.err
-    assert "222.8 mm, 6 rad/s on and on, model expects up to 50 N and 6.8 N m, 999900 times" in said.err
+    assert "222.8 mm, 6 rad/s on and on, model expects up to 50 N and 7.1 N m, 999900 times" in said.err
     assert "check at 100.0 deg, 222.8 mm, model expects up to 21 N and 4.5 N m, 101 times" in said.err
     assert not (here / "runs").exists()
 

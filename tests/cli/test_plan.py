@@ -26,7 +26,7 @@ def test_a_line_a_stage_with_its_time_and_what_the_model_expects(monkeypatch, ca
     lines = typed(monkeypatch, capsys, "plan", "flapping").out.splitlines()
     assert all(line.startswith("SIM ") for line in lines)
     (first,) = [line for line in lines if "repeat 1" in line]
-    assert first.split()[2:6] == ["0:14.2", "0.6", "61", "6.1"]
+    assert first.split()[2:6] == ["0:14.2", "0.6", "61", "6.2"]
     assert lines[1].split()[2:6] == ["until", "MB", "N", "N"]
     assert "within the limits: 300 N, 25 N m, 20 rad/s" in lines[-1]
     assert max(map(len, lines)) <= 80

@@ -58,10 +58,10 @@ def test_the_model_is_in_si_units():
     assert (model.sensor.below_shaft_m, model.drive.ramp_s) == (0.045, 0.05)
 
 
-def test_the_tangential_law_has_the_defaults_that_complete_campaigns_show_and_may_be_given():
-    assert believed_model(sections()).ground == Ground(1e5, 1.0, 0.45, 1e-4, 2.0)
-    given = sections(ground={"presliding_mm": 0.05, "tangential_damping_N_s_per_m": 0.0})
-    assert believed_model(given).ground == Ground(1e5, 1.0, 0.45, 5e-5, 0.0)
+def test_the_floor_is_coulombs_unless_a_tangential_law_is_given():
+    assert believed_model(sections()).ground == Ground(1e5, 1.0, 0.45, 1e-4, 0.0)
+    given = sections(ground={"presliding_mm": 0.05, "tangential_damping_N_s_per_m": 2.0})
+    assert believed_model(given).ground == Ground(1e5, 1.0, 0.45, 5e-5, 2.0)
 
 
 def test_a_believed_model_that_is_not_one_names_the_key():

@@ -35,8 +35,8 @@ def test_table_1_gives_the_bending_stiffness_and_mass_of_the_paper():
     assert names == ["VMQ", "PA12", "CFRP", "CFSP"]
     assert pytest.approx(0.260, abs=5e-4) == EI
     assert CFSP.mass_kg == pytest.approx(2 * 0.007, abs=5e-4)
-    printed = [0.00061, 2.43, 78.41, 77.42]  # GPa / (g/cm3)
-    assert [material.specific_modulus_m2_s2 / 1e6 for material in table_1_materials()] == pytest.approx(printed, rel=5e-3, abs=0.01)
+    printed = [0.0061, 2.43, 78.41, 77.42]  # GPa / (g/cm3); the paper prints 0.00061 for VMQ, a tenth of what its own modulus gives
+    assert [material.specific_modulus_m2_s2 / 1e6 for material in table_1_materials()] == pytest.approx(printed, rel=6e-3)
 
 
 def test_strain_and_moment_of_a_strip_bent_round_a_drum():

@@ -97,7 +97,7 @@ PARAMETERS: Mapping[str, Parameter[Supposed]] = {
         Parameter("friction_lever", "mm", False, 4.0, lambda at: 1e3 * at.rig.friction_lever_m, _with_lever),
         replace(_of_ground("friction_rise", "friction_rise_share", "", 0.5), relative=False),
         replace(_of_ground("leaving_damping", "leaving_damping_share", "", 0.5), relative=False, lowest=0.0),
-        _of_ground("tangential_damping", "drag_N_s_per_m", "N s/m", 0.5),
+        replace(_of_ground("tangential_damping", "drag_N_s_per_m", "N s/m", 1.0), relative=False, lowest=0.0),
         Parameter("below_shaft", "mm", False, 2.0, lambda at: 1e3 * at.rig.sensor.below_shaft_m, _with_below_shaft),
         Parameter("ramp", "ms", True, 0.2, lambda at: 1e3 * at.rig.drive.ramp_s, _with_ramp),
         Parameter("start_angle", "deg", False, 0.5, _start_deg, _with_start, "start_angle_deg"),
