@@ -92,7 +92,8 @@ def _joint_xml(rig: RigModel, i: int) -> str:
     if i == 0:
         return f'armature="{FLYWHEEL_KG_M2!r}"'
     leg = rig.leg
-    return f'stiffness="{leg.k0_Nm_per_rad!r} 0 {leg.k0_Nm_per_rad * leg.k2_per_rad2!r}" damping="{leg.hinge_damping_Nm_s_per_rad!r}"'
+    rest = f' springref="{leg.rest_angles_rad[i - 1]!r}"' if leg.rest_angles_rad else ""
+    return f'stiffness="{leg.k0_Nm_per_rad!r} 0 {leg.k0_Nm_per_rad * leg.k2_per_rad2!r}" damping="{leg.hinge_damping_Nm_s_per_rad!r}"{rest}'
 
 
 def _pair_xml(i: int, mu: float) -> str:

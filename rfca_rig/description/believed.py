@@ -1,5 +1,6 @@
 """From the sections of a file, in the units people write, to the model's parameters in SI."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -32,6 +33,7 @@ def _leg(leg: LegSection) -> Leg:
         k2_per_rad2=leg.k2_per_rad2,
         hinge_damping_Nm_s_per_rad=leg.hinge_damping_Nm_s_per_rad,
         start_angle_rad=leg.start_angle_rad,
+        rest_angles_rad=tuple(map(math.radians, leg.rest_angles_deg or ())),
     )
 
 

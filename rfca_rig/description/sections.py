@@ -32,7 +32,8 @@ class LegSection(Section):
     """[leg]: straight links from the shaft outwards, one torsion spring per hinge, all hinges alike.
 
     `hinge_torque_Nm` states the only law that the model knows, so that a file written for another law is refused.
-    `start_angle_rad` is where a stroke begins, straight, measured from the horizontal, positive downwards.
+    `start_angle_rad` is where a stroke begins, measured from the horizontal, positive downwards. `rest_angles_deg` are the angles of hinges
+    2, 3 .. without load, from which phi counts; without the key the leg is straight.
     """
 
     link_lengths_mm: PositiveList
@@ -43,6 +44,7 @@ class LegSection(Section):
     k2_per_rad2: NotNegative
     hinge_damping_Nm_s_per_rad: NotNegative
     start_angle_rad: Annotated[float, Field(ge=-3.1416, le=3.1416)]
+    rest_angles_deg: Annotated[tuple[Annotated[float, Field(ge=-45, le=45)], ...], Field(strict=False)] | None = None
 
     @field_validator("hinge_torque_Nm")
     @classmethod
@@ -56,6 +58,13 @@ class LegSection(Section):
         lengths, masses = len(self.link_lengths_mm), len(self.link_masses_g)
         if lengths != masses:
             raise ValueError(f"link_lengths_mm names {lengths} links and link_masses_g {masses}; give one mass per length")
+        return self
+
+    @model_validator(mode="after")
+    def _an_angle_per_hinge(self) -> "LegSection":
+        hinges = len(self.link_lengths_mm) - 1
+        if self.rest_angles_deg is not None and len(self.rest_angles_deg) != hinges:
+            raise ValueError(f"rest_angles_deg has {len(self.rest_angles_deg)} angles, and the leg {hinges} hinges; give one per hinge")
         return self
 
 

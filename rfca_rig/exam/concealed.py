@@ -63,6 +63,17 @@ def stiffness_hardening(world: World, values: Values) -> World:
     return replace(world, hinges=replace(world.hinges, k2_per_rad2=everywhere(values["k2_per_rad2"])))
 
 
+def hinge_rest_angle(world: World, values: Values) -> World:
+    return replace(world, hinges=replace(world.hinges, preset_rad=everywhere(float(np.radians(values["angle_deg"])))))
+
+
+def hinge_rest_angle_of_one(world: World, values: Values) -> World:
+    """Hinge 2 is the first behind the shaft."""
+    preset = list(world.hinges.preset_rad)
+    preset[round(values["hinge"]) - 2] += float(np.radians(values["angle_deg"]))
+    return replace(world, hinges=replace(world.hinges, preset_rad=tuple(preset)))
+
+
 def tip_mass(world: World, values: Values) -> World:
     return replace(world, links=replace(world.links, tip_mass_kg=1e-3 * values["mass_g"]))
 
@@ -149,6 +160,8 @@ EFFECTS: Mapping[str, Callable[[World, Values], World]] = {
         spring_relaxation,
         damaged_hinge,
         stiffness_hardening,
+        hinge_rest_angle,
+        hinge_rest_angle_of_one,
         tip_mass,
         fluid_drag,
         ground_stribeck,

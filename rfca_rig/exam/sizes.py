@@ -40,6 +40,8 @@ SPANS: Mapping[str, Mapping[str, Span]] = {
     "spring_relaxation": {"strength_relative": Span(0.02, 0.5), "time_constant_s": Span(0.03, 1.0, free=True)},
     "damaged_hinge": {"stiffness_factor": Span(0.95, 0.5)},
     "stiffness_hardening": {"k2_per_rad2": Span(0.15, 2.5, either_sign=True, around=4.2)},
+    "hinge_rest_angle": {"angle_deg": Span(0.8, 5.0, either_sign=True)},
+    "hinge_rest_angle_of_one": {"angle_deg": Span(1.0, 8.0, either_sign=True)},
     "tip_mass": {"mass_g": Span(3.0, 60.0)},
     "fluid_drag": {"coefficient_N_s2_per_m3": Span(1.0, 30.0)},
     "ground_stribeck": {"rise_relative": Span(0.15, 1.0), "speed_m_s": Span(0.05, 0.6, free=True)},
@@ -76,14 +78,13 @@ STRANGER_SPANS: Mapping[str, Mapping[str, Span]] = {
     "one_heavier_link": {"factor": Span(1.3, 3.0)},
     "stiffness_falls_with_repeats": {"share_per_repeat": Span(0.015, 0.06)},
     "floor_bump": {"height_mm": Span(0.8, 5.0), "at_mm": Span(40.0, 150.0, free=True), "width_mm": Span(10.0, 30.0, free=True)},
-    "spring_preset": {"angle_deg": Span(0.8, 5.0, either_sign=True)},
 }
 
 
 def values_of(effect_id: str, strength: float, random: np.random.Generator) -> dict[str, float]:
     """Parameters of a catalogue effect at a strength from 0 to 1."""
     values = {name: span.at(strength, random) for name, span in SPANS[effect_id].items()}
-    if effect_id == "damaged_hinge":
+    if effect_id in ("damaged_hinge", "hinge_rest_angle_of_one"):
         values["hinge"] = float(random.integers(2, HINGES + 1))  # the last one bends too little to tell
     return values
 

@@ -38,7 +38,6 @@ STRANGERS: Mapping[str, tuple[str, str]] = {
     "one_heavier_link": ("leg_mass", "hinges"),
     "stiffness_falls_with_repeats": ("hinge_stiffness", "hinges"),
     "floor_bump": ("floor_geometry", "ground"),
-    "spring_preset": ("hinge_stiffness", "hinges"),
     "cable_spring": ("", "joints"),
     "torque_cogging": ("", "joints"),
     "torque_saturation": ("torque_scale", "joints"),

@@ -85,11 +85,6 @@ def floor_bump(world: World, values: Values) -> World:
     return replace(world, floor=replace(world.floor, bump_m=height, bump_at_m=at, bump_width_m=width))
 
 
-def spring_preset(world: World, values: Values) -> World:
-    """Springs that rest at an angle: a leg that is bent without load."""
-    return replace(world, hinges=replace(world.hinges, preset_rad=everywhere(float(np.radians(values["angle_deg"])))))
-
-
 STRANGERS: Mapping[str, Callable[[World, Values], World]] = {
     stranger.__name__: stranger
     for stranger in (
@@ -104,7 +99,6 @@ STRANGERS: Mapping[str, Callable[[World, Values], World]] = {
         sensor_clipping,
         one_heavier_link,
         floor_bump,
-        spring_preset,
     )
 }
 NAMES = (*STRANGERS, "stiffness_falls_with_repeats")

@@ -53,6 +53,7 @@ def chain_of(rig: RigModel, height_m: float) -> Chain:
         k0=np.full(length.size, leg.k0_Nm_per_rad),
         k2=np.full(length.size, leg.k2_per_rad2),
         hinge_damping=np.full(length.size, leg.hinge_damping_Nm_s_per_rad),
+        rest=np.array([0.0, *(leg.rest_angles_rad or np.zeros(length.size - 1))]),
         moment=moment,
         radius=leg.link_radius_m,
         lever=rig.friction_lever_m,
@@ -115,6 +116,7 @@ def at_rest(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaf
         anchor=np.zeros(links),
         memory=np.zeros((0 if laws is None else laws.place.size, links, 4)),
     )
+    state.q[:links] += np.cumsum(chain.rest)
     state.q[links:] = 0.0
     smooth, work = chain._replace(mu=0.0, drag=0.0), room_to_work(coordinates, links)
     if not settle(smooth, laws, shaft, state, 1e-12, work):
@@ -127,9 +129,9 @@ def at_rest(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaf
 
 
 def set_swinging(chain: Chain, laws: Laws | None, state: State, share: float, rate_per_s: float) -> None:
-    """Lifts a resting leg by `share` of its sag, 1 for straight, and has it rise by `rate_per_s` sags per second."""
+    """Lifts a resting leg by `share` of its sag, 1 for its unloaded shape, and has it rise by `rate_per_s` sags per second."""
     links = chain.length.size
-    sag = state.q[0] - state.q[:links]
+    sag = state.q[0] + np.cumsum(chain.rest) - state.q[:links]
     state.q[:links] += share * sag
     state.w[:links] += rate_per_s * sag
     settle_memory(chain, laws, state, room_to_work(state.q.size, links))

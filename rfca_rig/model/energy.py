@@ -29,7 +29,7 @@ def height_J(chain: Chain, q_rad: Floats) -> Floats:
 
 def springs_J(chain: Chain, q_rad: Floats) -> Floats:
     """k0 phi^2 / 2 + k0 k2 phi^4 / 4 of every hinge."""
-    phi2 = np.diff(q_rad, axis=1) ** 2
+    phi2 = (np.diff(q_rad, axis=1) - chain.rest[1:]) ** 2
     return np.asarray((phi2 * (0.5 + 0.25 * chain.k2[1:] * phi2)) @ chain.k0[1:])
 
 

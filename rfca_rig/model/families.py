@@ -44,9 +44,9 @@ FAMILIES = (
     ),
     Family(
         "hinge_stiffness",
-        "the torque of the hinges over their angle differs: play, stop, a softer hinge or another hardening",
+        "the torque of the hinges over their angle differs: play, stop, a softer hinge, another hardening or rest angle",
         "hinges",
-        frozenset(("hinge_backlash", "hinge_stop", "damaged_hinge", "stiffness_hardening")),
+        frozenset(("hinge_backlash", "hinge_stop", "damaged_hinge", "stiffness_hardening", "hinge_rest_angle", "hinge_rest_angle_of_one")),
     ),
     Family("leg_mass", "mass sits elsewhere on the leg", "tip", frozenset(("tip_mass", "added_mass"))),
     Family("floor_friction", "floor friction differs, or is not constant", "ground", frozenset(("ground_stribeck", "contact_friction"))),

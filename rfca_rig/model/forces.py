@@ -95,7 +95,7 @@ def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | 
 
 @inlined
 def add_weight_and_hinges(chain: Chain, q: Floats, w: Floats, weights: Weights | None, work: Work) -> None:
-    """Weight of the links, and in each hinge k0 phi + k0 k2 phi^3 + c dphi/dt."""
+    """Weight of the links, and in each hinge k0 phi + k0 k2 phi^3 + c dphi/dt, phi from the angle at rest."""
     R, J = work.R, work.J
     for i in range(chain.length.size):
         weight, aside = chain.gravity * chain.first_moment[i], chain.gravity_along * chain.first_moment[i]
@@ -103,7 +103,7 @@ def add_weight_and_hinges(chain: Chain, q: Floats, w: Floats, weights: Weights |
         if weights is not None:
             J[i, i] += weights[2] * (weight * work.sin[i] + aside * work.cos[i])
     for i in range(1, chain.length.size):
-        phi, k0, k2, c = q[i] - q[i - 1], chain.k0[i], chain.k2[i], chain.hinge_damping[i]
+        phi, k0, k2, c = q[i] - q[i - 1] - chain.rest[i], chain.k0[i], chain.k2[i], chain.hinge_damping[i]
         torque = k0 * phi * (1.0 + k2 * phi * phi) + c * (w[i] - w[i - 1])
         R[i] += torque
         R[i - 1] -= torque
@@ -144,7 +144,7 @@ def call_hinge(
     chain: Chain, laws: Laws, address: int, m: int, i: int, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, work: Work
 ) -> None:
     """Calls one of the two functions of hinge law m for hinge i."""
-    work.x[0], work.x[1], work.x[2] = q[i] - q[i - 1], w[i] - w[i - 1], elapsed
+    work.x[0], work.x[1], work.x[2] = q[i] - q[i - 1] - chain.rest[i], w[i] - w[i - 1], elapsed
     work.x[3], work.x[4], work.x[5] = chain.k0[i], chain.k2[i], a[i] - a[i - 1]
     call_law(address, work.x, state.memory[m, i], laws.parameter[m], work.out)
 
@@ -245,7 +245,7 @@ def add_shaft_row(chain: Chain, q: Floats, w: Floats, a: Floats, work: Work) -> 
         c, s = cos[0] * cos[j] + sin[0] * sin[j], sin[0] * cos[j] - cos[0] * sin[j]
         torque += chain.moment[0, j] * (c * a[j] + s * w[j] * w[j])
     if chain.length.size > 1:
-        phi = q[1] - q[0]
+        phi = q[1] - q[0] - chain.rest[1]
         torque -= chain.k0[1] * phi * (1.0 + chain.k2[1] * phi * phi) + chain.hinge_damping[1] * (w[1] - w[0])
     R[0] = torque
 

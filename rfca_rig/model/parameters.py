@@ -9,7 +9,8 @@ GRAVITY_M_S2 = 9.81
 class Leg:
     """A chain of straight uniform links; hinge torque k0 phi + k0 k2 phi^3 + c dphi/dt (paper-style hardening spring).
 
-    `start_angle_rad` is where a stroke begins, measured from the horizontal, positive downwards.
+    `start_angle_rad` is where a stroke begins, measured from the horizontal, positive downwards. `rest_angles_rad` are the angles of the
+    hinges without load, phi_i0 of eq. (12), from which phi counts; without them the leg is straight.
     """
 
     link_lengths_m: tuple[float, ...]
@@ -19,6 +20,7 @@ class Leg:
     k2_per_rad2: float
     hinge_damping_Nm_s_per_rad: float
     start_angle_rad: float
+    rest_angles_rad: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -73,6 +73,8 @@ def _cells_m(leg: Leg) -> Floats:
 
 def _recut(leg: Leg, lengths_m: Floats, m: float) -> Leg:
     """Other links with the same mass in the same places, and springs for `m` times as many cells in a length."""
+    if any(leg.rest_angles_rad):
+        raise BadInput("leg.rest_angles_deg: a leg that is bent at rest cannot be cut into other links; leave the rest angles out")
     old, new = np.cumsum((0.0, *leg.link_lengths_m)), np.concatenate(([0.0], np.cumsum(lengths_m)))
     masses = np.diff(np.interp(new, old, np.cumsum((0.0, *leg.link_masses_kg))))
     return replace(

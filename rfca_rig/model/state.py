@@ -34,6 +34,7 @@ class Chain(NamedTuple):
     k0: Floats
     k2: Floats
     hinge_damping: Floats
+    rest: Floats
     moment: Floats
     radius: float
     lever: float

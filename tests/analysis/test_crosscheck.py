@@ -103,6 +103,15 @@ def test_so_it_is_deep_in_a_soft_floor_where_friction_acts_higher_and_leaving_is
 
 
 @needs_mujoco
+def test_a_leg_that_is_bent_at_rest_agrees_with_mujoco():
+    bent = replace(PAPER, leg=replace(PAPER.leg, rest_angles_rad=(0.02, -0.03, 0.05, 0.0, 0.01, -0.02)))
+    checked = check_condition(bent, QUICK, SWEEP_DEG)
+    assert checked.stroke_pct < 0.01
+    straight = stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, checked.ours.t_s)
+    assert difference_pct(straight.fz_N, checked.theirs.fz_N) > 3.0
+
+
+@needs_mujoco
 def test_what_difference_there_is_comes_from_the_tolerance():
     checked = check_condition(PAPER, QUICK, SWEEP_DEG)
     tight = stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, checked.ours.t_s, TIGHT)

@@ -2,6 +2,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import pytest
 from pydantic import Field
 
@@ -56,6 +57,13 @@ def test_the_model_is_in_si_units():
     model = believed_model(sections())
     assert model.leg == Leg((0.054, 0.04), (0.06, 0.043), 0.003, 11.0, 4.2, 0.05, 0.226893)
     assert (model.sensor.below_shaft_m, model.drive.ramp_s) == (0.045, 0.05)
+
+
+def test_a_leg_may_be_bent_at_rest_hinge_by_hinge():
+    assert believed_model(sections()).leg.rest_angles_rad == ()
+    assert believed_model(sections(leg={"rest_angles_deg": [-1.5]})).leg.rest_angles_rad == (np.radians(-1.5),)
+    with pytest.raises(BadInput, match="rest_angles_deg has 2 angles, and the leg 1 hinges; give one per hinge"):
+        believed_model(sections(leg={"rest_angles_deg": [1.0, 2.0]}))
 
 
 def test_the_floor_is_coulombs_unless_a_tangential_law_is_given():

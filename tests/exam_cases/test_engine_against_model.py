@@ -22,6 +22,8 @@ VALUES = {
     "spring_relaxation": {"strength_relative": 0.3, "time_constant_s": 0.2},
     "damaged_hinge": {"hinge": 4.0, "stiffness_factor": 0.6},
     "stiffness_hardening": {"k2_per_rad2": 6.0},
+    "hinge_rest_angle": {"angle_deg": 1.5},
+    "hinge_rest_angle_of_one": {"hinge": 4.0, "angle_deg": -4.0},
     "tip_mass": {"mass_g": 30.0},
     "fluid_drag": {"coefficient_N_s2_per_m3": 20.0},
     "ground_stribeck": {"rise_relative": 0.4, "speed_m_s": 0.3},

@@ -1,5 +1,6 @@
 """A fitted model as a model file: what the fit moved, how well that is known now, and what it was fitted to."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -41,6 +42,7 @@ def fitted_sections(believed: Mapping[str, Any], rig: RigModel, height_offset_m:
             "k2_per_rad2": leg.k2_per_rad2,
             "hinge_damping_Nm_s_per_rad": leg.hinge_damping_Nm_s_per_rad,
             "start_angle_rad": leg.start_angle_rad,
+            **({"rest_angles_deg": [math.degrees(rest_rad) for rest_rad in leg.rest_angles_rad]} if leg.rest_angles_rad else {}),
         },
         "ground": {
             **believed["ground"],

@@ -80,6 +80,8 @@ BENCH_TESTS = (
     ("weight on a lever", 20.0, "torque_scale",
      "hold a known weight on a level lever with the motor and compare its moment with the recorded torque"),
     ("blocked step", 15.0, "torque_delay torque_lag", "block the link against a force gauge, step the torque and compare the two in time"),
+    ("unloaded leg", 10.0, "hinge_rest_angle hinge_rest_angle_of_one",
+     "take the leg off, lay it on its side on a smooth table, and read the angle of each hinge without load"),
     ("bench pull", 30.0, "stiffness_hardening damaged_hinge hinge_backlash hinge_stop",
      "clamp the leg hinge by hinge and read the angle under known weights"),
 )  # fmt: skip

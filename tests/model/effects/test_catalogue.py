@@ -17,6 +17,8 @@ PARAMETERS = {
     "spring_relaxation": ("strength_relative", "time_constant_s"),
     "damaged_hinge": ("hinge", "stiffness_factor"),
     "stiffness_hardening": ("k2_per_rad2",),
+    "hinge_rest_angle": ("angle_deg",),
+    "hinge_rest_angle_of_one": ("hinge", "angle_deg"),
     "tip_mass": ("mass_g",),
     "ground_stribeck": ("rise_relative", "speed_m_s"),
     "ground_compliance": ("stiffness_N_per_m1p5",),
