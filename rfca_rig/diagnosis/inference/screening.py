@@ -55,11 +55,13 @@ def probe_effects(dataset: Dataset, base: MapFit, points: Sequence[Point]) -> li
 def grid_of(choice: EffectTerm) -> list[Floats]:
     """The places where a choice is tried, each (p,): what the effect says itself, or the middles of equally probable parts of its prior.
 
-    Where an effect counts something, each count is a choice of its own, and the other sizes begin at their middle. Shape parameters begin
-    at their starts, or at their neutral value; what swings begins at rest.
+    Where an effect counts something, each count is a choice of its own, and the other sizes begin at their middle, or on either side of
+    zero. Shape parameters begin at their starts, or at their neutral value; what swings begins at rest.
     """
     free, at_rest = choice.sizes, (0.0,) * len(choice.effect.begins)
-    points = 1 if choice.whole else max(GRID_POINTS + 1 - len(free), 2)
+    points = max(GRID_POINTS + 1 - len(free), 2)
+    if choice.whole:
+        points = 2 if any(parameter.low < 0.0 < parameter.high for parameter in free) else 1
     middles = tuple(ndtri((np.arange(points) + 0.5) / points).tolist())
     starts = [_starts(parameter) or middles for parameter in free]
     shapes = [_starts(parameter) or (coordinate_of(parameter, parameter.neutral),) for parameter in choice.effect.shape]
