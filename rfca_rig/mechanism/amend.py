@@ -65,6 +65,7 @@ def _beyond_mjcf(plant: Plant) -> list[tuple[str, bool]]:
         ("friction that grows with load", bool(plant.load_loss.any())),
         ("hysteresis of the joints", bool(plant.hysteresis[0].any())),
         ("steady torques in the joints", bool(plant.torque_offset.any())),
+        ("measured laws", bool(plant.laws)),
         ("zero offsets of the readings", bool(plant.zero_offset.any())),
         ("saturation of the commands", bool(np.isfinite(plant.command_limit).any())),
         ("dead band of the commands", bool(plant.command_dead_band.any())),

@@ -1,6 +1,6 @@
 """`diagnose_mechanism`: recordings and a model file in, the same kind of answer out as for a leg."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 from rfca_rig.campaign.experiment import Experiment
@@ -20,19 +20,22 @@ from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import Plant
+from rfca_rig.model.effect import Effect
 
 
 @dataclass(frozen=True)
 class MechanismDiagnosis:
     """The answer, the mechanism with what it states, and what to record next, None where that is no motion.
 
-    Effects and nuisance parameters of `plant` are at their posterior means. `law` was measured on request.
+    Effects and nuisance parameters of `plant` are at their posterior means. `law` was measured on request. `stated`
+    describes the effects in lines: formulas, sources and values.
     """
 
     diagnosis: Diagnosis
     plant: Plant
     excitation: Excitation | None
-    law: MeasuredJointLaw | None = None
+    law: MeasuredJointLaw | None
+    stated: tuple[str, ...]
 
 
 @algebra_on_one_thread()
@@ -88,4 +91,15 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
         settings={**result.settings, **settings, "windows": problem.windows},
         next_experiment=None if following is None else following.proposal,
     )
-    return MechanismDiagnosis(result, plant, None if following is None else following.excitation, law)
+    excitation = None if following is None else following.excitation
+    return MechanismDiagnosis(result, plant, excitation, law, _describe_effects(result, simulator.effects))
+
+
+def _describe_effects(result: Diagnosis, effects: Mapping[str, Effect]) -> tuple[str, ...]:
+    """The stated effects with formulas, sources and values."""
+    lines = []
+    for named in result.effects:
+        effect = effects[named.id]
+        lines += [f"{named.id}: {named.left_out}", f"    law: {effect.law}", f"    source: {effect.source}"]
+        lines += [f"    {name} = {value.value:.4g} +- {value.std:.2g}" for name, value in {**named.parameters, **named.shape}.items()]
+    return tuple(lines)

@@ -129,7 +129,14 @@ def with_memory_test(found: ModelSelectionResult, law: MeasuredLaw) -> MeasuredL
     linear, supposed = fitted.linear(found.dataset.rows.measured), fitted.coordinates.supposed(fitted.x)
     term, part = _term_of(fitted)
     slopes = fitted.jacobian[:, part] @ np.linalg.inv(np.array(term.root))
-    return replace(law, memory=detect_memory(found, linear, supposed, table, term.argument.plausible, slopes))
+    memory = detect_memory(found, linear, supposed, table, term.argument.plausible, slopes)
+    if not memory.has_memory:
+        return replace(law, memory=memory)
+    half = 0.5 * (memory.rising - memory.falling)  # no single curve is right: the band holds both branches
+    whole_std = law.whole_std
+    if law.whole is not None and whole_std is not None:
+        whole_std = np.hypot(whole_std, half * (law.whole / (1.0 + law.values) if law.place == "floor_friction" else 1.0))
+    return replace(law, memory=memory, std=np.hypot(law.std, half), whole_std=whole_std)
 
 
 def base_without(found: ModelSelectionResult, hypothesis: Hypothesis, effect: str) -> Hypothesis:
