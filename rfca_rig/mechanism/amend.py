@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rfca_rig.mechanism.load import read_spec
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.recording.atomic import write_atomically
 
@@ -24,9 +25,7 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
     tuple of str
         What MJCF does not hold, in words.
     """
-    import mujoco  # noqa: PLC0415  (optional)
-
-    spec, model = mujoco.MjSpec.from_file(str(plant.mechanism.path)), plant.model
+    spec, model = read_spec(plant.mechanism.path), plant.model
     spec.compile()  # gives every geom its place
     for place, joint in enumerate(spec.joints):
         joint.frictionloss, joint.armature = plant.friction[place], model.dof_armature[place]
