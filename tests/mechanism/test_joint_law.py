@@ -185,7 +185,7 @@ def test_a_table_takes_friction_of_the_model_away_and_drives_beyond_that(tmp_pat
     plant.laws = (JointLaw(1, True, KNOTS, -0.1 * KNOTS, NONE),)
     driven = moved(plant)
     plant.laws, plant.model.dof_damping[1] = (), -0.1
-    assert np.abs(driven - moved(plant)).max() < 0.03 * np.abs(driven - without).max()
+    assert np.abs(driven - moved(plant)).max() < 0.05 * np.abs(driven - without).max()
 
 
 def test_branches_act_while_the_argument_rises_and_against_it_while_it_falls(tmp_path):
