@@ -89,6 +89,14 @@ def read_experiment(folder: Path) -> Experiment:
     )
 
 
+def measure_seconds(folder: Path) -> float | None:
+    """How long the recordings in `folder` last in all; None where they cannot be read."""
+    try:
+        return sum(float(run.t_s[-1] - run.t_s[0]) for run in read_experiment(folder).runs)
+    except (BadInput, OSError):
+        return None
+
+
 def _check_unique(path: Path, described: ExperimentFile) -> None:
     """No joint's quantity, no actuator, no file and no repeat of a condition comes twice."""
     keys: list[tuple[str, list[tuple[str, ...]]]] = [

@@ -15,6 +15,7 @@ from rfca_rig.cli.writable import out_folder
 if TYPE_CHECKING:
     from rfca_rig.cli.closing_the_loop import Loop
     from rfca_rig.diagnosis.result import Diagnosis
+    from rfca_rig.mechanism.plant import Plant
     from rfca_rig.protocol.plan import Limits
     from rfca_rig.recording.form import Recording
 
@@ -41,7 +42,12 @@ def diagnose(
     ] = None,
     law: Annotated[
         str,
-        typer.Option("--law", metavar="PLACE", help="Also measure the law there: hinges, floor_friction, floor_normal, fy_N, ..., joints."),
+        typer.Option(
+            "--law",
+            metavar="PLACE",
+            help="Also measure the law there: hinges, floor_friction, floor_normal, fy_N, ..., joints; of a mechanism a JOINT, "
+            "JOINT.speed or JOINT.position.",
+        ),
     ] = "",
     workers: Workers = None,
     cluster: Cluster = None,
@@ -79,8 +85,8 @@ def diagnose(
     if each or workers or cluster:
         raise BadInput("--workers and --cluster share out what --each makes many of; one diagnosis, or --close-the-loop, stays here")
     if mechanism is not None:
-        if close_the_loop or law:
-            raise BadInput("--close-the-loop and --law are for a leg's and a pendulum's recordings; leave them out for a mechanism")
+        if close_the_loop:
+            raise BadInput("--close-the-loop runs experiments on a leg's rig; leave it out for a mechanism and record the proposed motion")
         diagnosis = _mechanism(asked)
     elif pendulum_among(paths) is not None:
         if close_the_loop:
@@ -163,20 +169,42 @@ def _mechanism(asked: Asked) -> "Diagnosis":
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.experiment_design.mechanism_experiment import write_excitation
     from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
-    from rfca_rig.mechanism.amend import write_amended_model
+    from rfca_rig.report.law_files import describe_law, write_law_table
 
     with progress(asked.quiet) as bars:
-        found = diagnose_mechanism(read_experiment(asked.paths[0]), bars.share, asked.without)
+        found = diagnose_mechanism(read_experiment(asked.paths[0]), bars.share, asked.without, asked.law_at)
     diagnosis = _write_imported(found.diagnosis, asked)
-    beyond = write_amended_model(found.plant, asked.out / "model.xml")
+    _write_plant(found.plant, asked.out, "model.xml", "laws.py", found.stated)
+    measured = [asked.out / name for name in ("measured-law.xml", "measured_law.py", "measured-law.csv")]
+    if found.law is None:
+        for path in measured:
+            path.unlink(missing_ok=True)  # of an earlier diagnosis
+    else:
+        law = found.law.stated.law
+        write_law_table(measured[2], law)
+        _write_plant(
+            found.law.plant,
+            asked.out,
+            measured[0].name,
+            measured[1].name,
+            [f"The law of {law.place} over {law.argument}, {describe_law(found.law.stated)}."],
+        )
     commands = asked.out / "next-commands.csv"
     commands.unlink(missing_ok=True)  # of an earlier diagnosis
     if found.excitation is not None:
         write_excitation(commands, found.plant.mechanism, found.excitation)
         typer.echo(f"{commands}: the proposed motion of the joints, and the commands that it takes", err=True)
-    if beyond:
-        typer.echo(f"{asked.out / 'model.xml'}: MJCF does not hold {', '.join(beyond)}; see diagnosis.json", err=True)
     return diagnosis
+
+
+def _write_plant(plant: "Plant", out: Path, model_name: str, laws_name: str, stated: Sequence[str]) -> None:
+    """The model file, and what MJCF does not hold as Python functions."""
+    from rfca_rig.mechanism.amend import write_amended_model
+    from rfca_rig.mechanism.laws_file import write_laws
+
+    beyond = write_amended_model(plant, out / model_name)
+    if write_laws(plant, beyond, out / laws_name, stated, model_name):
+        typer.echo(f"{out / model_name}: MJCF does not hold {', '.join(beyond)}; {out / laws_name} does, for your own loop", err=True)
 
 
 def _write_imported(diagnosis: "Diagnosis", asked: Asked) -> "Diagnosis":

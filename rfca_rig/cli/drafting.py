@@ -7,7 +7,7 @@ import typer
 
 
 def init(
-    mjcf: Annotated[Path, typer.Option("--mjcf", metavar="FILE", help="The mechanism's model, MJCF or URDF.")],
+    mjcf: Annotated[Path, typer.Option("--mjcf", "--urdf", metavar="FILE", help="The mechanism's model, MJCF or URDF.")],
     data: Annotated[Path, typer.Option("--data", metavar="DIR", help="A folder with its recordings: CSV, HDF5, MCAP or ROS 2 bags.")],
 ) -> None:
     """Write a draft of experiment.toml for recordings of any mechanism.

@@ -17,17 +17,20 @@ def import_folder(
 ) -> None:
     """Read recordings from elsewhere (format rfca-campaign/1) into the form that report and diagnosis work on.
 
-    Recordings of a pendulum (format rfca-pendulum/1) are checked and copied as they stand.
+    Recordings of a pendulum (format rfca-pendulum/1) are checked and copied as they stand. A folder with experiment.toml needs no import.
 
     Example: rfca-rig import my-campaign
     """
     import json
 
     from rfca_rig.campaign.importing import import_campaign, import_pendulum
-    from rfca_rig.campaign.opening import pendulum_among
+    from rfca_rig.campaign.opening import experiment_among, pendulum_among
     from rfca_rig.cli.progress import progress
+    from rfca_rig.errors import BadInput
     from rfca_rig.recording.store import read_recording
 
+    if experiment_among([folder]) is not None:
+        raise BadInput(f"{folder}: holds experiment.toml, which every command reads as it stands; go on with rfca-rig check {folder}")
     target = out or Path("runs") / f"IMPORT-{folder.resolve().name}"
     if pendulum_among([folder]) is not None:
         pendulum = import_pendulum(folder, target)

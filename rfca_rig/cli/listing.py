@@ -33,7 +33,7 @@ Verdict = Annotated[
 
 def runs(
     words: Annotated[list[str] | None, typer.Argument(metavar="[WORD]...", help="Words of the title, or of the folder's name.")] = None,
-    folder: Annotated[Path, typer.Option("--runs", metavar="DIR", help="The folder that the runs lie below.")] = Path("runs"),
+    folder: Annotated[Path, typer.Option("--runs", metavar="DIR", help="The folder that runs and experiments lie below.")] = Path("runs"),
     height: Annotated[str, typer.Option("--height", metavar="MM", help="Recorded at that height: 215, 210..220, ..220, 230..")] = "",
     speed: Annotated[str, typer.Option("--speed", metavar="RAD/S", help="Recorded at that speed: 2.4 is what rounds to it; 2.4..2.5")] = "",
     since: Annotated[str, typer.Option("--since", metavar="DATE", help="Begun then or later: 2026-11-01, or 2026-11-01T14:30")] = "",
@@ -52,10 +52,13 @@ def runs(
 ) -> None:
     """What has been recorded, newest first: every run below a folder, how it ended, and what its diagnosis said.
 
+    Folders with experiment.toml or pendulum.toml are among them.
+
     Example: rfca-rig diagnose $(rfca-rig runs --paths --height 215 --kind dynamic --ended done)
     """
     import json
 
+    from rfca_rig.campaign.experiment import measure_seconds
     from rfca_rig.cli.names import effect_names
     from rfca_rig.cli.progress import progress
     from rfca_rig.cli.run_table import table_lines
@@ -78,7 +81,7 @@ def runs(
         words=tuple(words or ()),
     )
     with progress(quiet=as_json) as bars:
-        entries = list_runs(folder, bars.counting("reading runs"))
+        entries = list_runs(folder, bars.counting("reading runs"), measure_seconds)
     fitting = [entry for entry in entries if wanted.fits(entry)]
     shown = fitting[: _most(last, is_table=not (paths or as_json))]
     if as_json:

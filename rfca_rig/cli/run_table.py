@@ -53,10 +53,27 @@ def _head(entry: Entry) -> Iterator[str]:
 
 def _recorded(entry: Entry) -> str:
     """What, where, of which specimen, by whom."""
-    counts = ((entry.cycles, "cycle"), (entry.strokes, "stroke"), (entry.static_stages, "static stage"), (entry.swings, "pendulum run"))
+    counts = (
+        (entry.cycles, "cycle"),
+        (entry.strokes, "stroke"),
+        (entry.static_stages, "static stage"),
+        (entry.swings, "pendulum run"),
+        (entry.motions, "recording"),
+    )
     what = [f"{count} {name}{'' if count == 1 else 's'}" for count, name in counts if count] or ["nothing whole"]
     people = [text for text in (entry.sample and f"sample {entry.sample}", entry.operator) if text]
-    return "; ".join(text for text in (", ".join(what), _conditions(entry.conditions), *people) if text)
+    return "; ".join(text for text in (", ".join(what), _conditions(entry.conditions), *_motions(entry), *people) if text)
+
+
+def _motions(entry: Entry) -> Iterator[str]:
+    """Length and conditions of a mechanism's recordings; of many conditions the number."""
+    if entry.seconds is not None:
+        yield f"{entry.seconds:.3g} s"
+    elif entry.motions:
+        yield "cannot be read, see rfca-rig check"
+    if entry.named_conditions:
+        few = len(entry.named_conditions) <= MOST_VALUES
+        yield f"conditions: {', '.join(entry.named_conditions)}" if few else f"{len(entry.named_conditions)} conditions"
 
 
 def _conditions(conditions: Sequence[Condition]) -> str:

@@ -7,6 +7,8 @@ from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import Effect
 from rfca_rig.nearest import suggestion
 
+EXCLUDED = "not looked for, as asked"
+
 
 def select_candidates(effects: Iterable[Effect], without: Collection[str]) -> list[Effect]:
     """The effects but for those of these ids. Raises BadInput for an id that is in no catalogue."""
@@ -23,4 +25,4 @@ def check_known(ids: Collection[str]) -> None:
 
 def describe_exclusions(without: Collection[str]) -> tuple[str, ...]:
     """The same as a remark beside the answer; none where all were looked for."""
-    return (f"not looked for, as asked: {', '.join(without)}",) if without else ()
+    return (f"{EXCLUDED}: {', '.join(without)}",) if without else ()

@@ -33,7 +33,8 @@ class Entry:
 
     `ended` is one of ENDINGS, "" where nobody can know, as of an imported recording; `code` that of a trip. `why` are the words of the end,
     or of the damage. "interrupted" is one that was cut off and recovered, "unfinished" one that goes on, or was cut off. `swings` counts
-    the recordings of a pendulum.
+    the recordings of a pendulum, `motions` those of a mechanism;
+    `named_conditions` are its conditions, and `seconds` is how long they last in all.
     """
 
     folder: str
@@ -53,6 +54,9 @@ class Entry:
     identity: str = ""
     verdict: Verdict | None = None
     swings: int = 0
+    motions: int = 0
+    named_conditions: tuple[str, ...] = ()
+    seconds: float | None = None
 
     def plain(self) -> dict[str, Any]:
         """In JSON's own types."""
@@ -65,4 +69,5 @@ class Entry:
 def entry_of(said: Mapping[str, Any]) -> Entry:
     """The entry of which `plain` gave that, without a verdict. Raises TypeError or LookupError for anything else."""
     conditions = tuple(Condition(**one) for one in said["conditions"])
-    return Entry(**{**said, "conditions": conditions, "verdict": None})
+    named = tuple(said["named_conditions"])
+    return Entry(**{**said, "conditions": conditions, "named_conditions": named, "verdict": None})

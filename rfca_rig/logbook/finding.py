@@ -5,10 +5,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, PENDULUM, RECORDING
+from rfca_rig.recording.layout import DIAGNOSIS, ENDING, EVENTS, EXPERIMENT, HEADER, PENDULUM, RECORDING
 
-TELLING = (HEADER, ENDING, EVENTS, RECORDING, PENDULUM)
-DIAGNOSIS = "diagnosis.json"
+TELLING = (HEADER, ENDING, EVENTS, RECORDING, PENDULUM, EXPERIMENT)
 DEEPEST = 6  # folders of folders of runs
 
 
@@ -36,8 +35,11 @@ def _below(runs: str, folder: str, deeper: int) -> Iterator[Found]:
     except OSError:  # taken away meanwhile, or not ours to read
         return
     files = {one.name: one for one in inside if one.name in TELLING}
-    if {HEADER, RECORDING, PENDULUM} & set(files):
-        yield Found(folder or ".", "|".join(_stamp(files[name]) for name in TELLING if name in files), tuple(_diagnoses(inside)))
+    if {HEADER, RECORDING, PENDULUM, EXPERIMENT} & set(files):
+        telling = [files[name] for name in TELLING if name in files]
+        if EXPERIMENT in files:  # any file in the folder may be a recording
+            telling += sorted((one for one in inside if one.name not in TELLING and one.is_file()), key=lambda one: one.name)
+        yield Found(folder or ".", "|".join(map(_stamp, telling)), tuple(_diagnoses(inside)))
         return
     for one in inside:
         if deeper and not one.name.startswith(".") and one.is_dir() and not _leads_back(one):

@@ -18,7 +18,7 @@ from typing import Any
 from urllib.parse import quote
 
 NAME = ".rfca-rig-index.sqlite3"
-VERSION = 1  # of what the rows hold; another is not read
+VERSION = 2  # of what the rows hold; another is not read
 
 
 @dataclass(frozen=True)

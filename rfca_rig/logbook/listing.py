@@ -1,5 +1,6 @@
 """The logbook of a folder: every run below it, newest first, from the index where that still holds."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from rfca_rig.errors import BadInput
@@ -13,8 +14,10 @@ from rfca_rig.progress import Watcher, counted, unwatched
 OF_DIAGNOSIS = "diagnosis:"
 
 
-def list_runs(runs: Path, told: Watcher = unwatched) -> list[Entry]:
+def list_runs(runs: Path, told: Watcher = unwatched, measure_s: Callable[[Path], float | None] = lambda _: None) -> list[Entry]:
     """Newest first. `told` hears how many of those that are not in the index have been read, of how many.
+
+    `measure_s` reads how long the recordings in a folder with experiment.toml last, None where they cannot be read.
 
     Raises BadInput where there is no such folder.
     """
@@ -22,7 +25,7 @@ def list_runs(runs: Path, told: Watcher = unwatched) -> list[Entry]:
         raise BadInput(f"{runs}: is no folder; name the one that your runs are in with --runs, or record one: rfca-rig dynamic run")
     known = read_index(runs)
     found = list(runs_below(runs))
-    rows = _rows(runs, found, known, told)
+    rows = _rows(runs, found, known, told, measure_s)
     verdicts, diagnoses = _verdicts(runs, found, known)
     rows |= diagnoses
     if rows != known and not is_run(found):
@@ -36,12 +39,14 @@ def is_run(found: list[Found]) -> bool:
     return [one.folder for one in found] == ["."]
 
 
-def _rows(runs: Path, found: list[Found], known: dict[str, Row], told: Watcher) -> dict[str, Row]:
+def _rows(
+    runs: Path, found: list[Found], known: dict[str, Row], told: Watcher, measure_s: Callable[[Path], float | None]
+) -> dict[str, Row]:
     """Of every run, read anew where its folder is not as it was."""
     rows = {one.folder: known[one.folder] for one in found if one.folder in known and known[one.folder].stamp == one.stamp}
     new = [one for one in found if one.folder not in rows]
     for one in counted(new, told):
-        rows[one.folder] = Row(one.stamp, entry_in(runs, one.folder).plain())
+        rows[one.folder] = Row(one.stamp, entry_in(runs, one.folder, measure_s).plain())
     return rows
 
 

@@ -3,7 +3,7 @@
 import json
 import tomllib
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -12,20 +12,22 @@ from typing import Any
 from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.logbook.entry import Condition, Entry
 from rfca_rig.recording.identity import identity_of, identity_of_tables
-from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, PENDULUM, RECORDING
+from rfca_rig.recording.layout import ENDING, EVENTS, EXPERIMENT, HEADER, PENDULUM, RECORDING
 
 REASONS = {"done": "done", "stopped": "stopped", "worn-out": "worn out"}
 MEASURED = ("Flap", "Hold", "Cycles")
 WITH_SPEED = ("Flap", "Cycles")
 
 
-def entry_in(runs: Path, folder: str) -> Entry:
-    """The entry of a run's folder; of one whose files cannot be read it says so."""
+def entry_in(runs: Path, folder: str, measure_s: Callable[[Path], float | None] = lambda _: None) -> Entry:
+    """The entry of a run's folder; of one whose files cannot be read it says so. `measure_s` reads how long an experiment lasts."""
     path = runs / folder
     try:
         if (path / HEADER).is_file():
             return _of_run(path, folder)
-        return _of_recording(path, folder) if (path / RECORDING).is_file() else _of_pendulum(path, folder)
+        if (path / RECORDING).is_file():
+            return _of_recording(path, folder)
+        return _of_pendulum(path, folder) if (path / PENDULUM).is_file() else _of_experiment(path, folder, measure_s(path))
     except (BadInput, OSError, ValueError, LookupError, TypeError, AttributeError) as error:
         why = str(error) if isinstance(error, BadInput) else f"{type(error).__name__}: {error}"
         return Entry(folder, path.name, "", "", _changed_s(path), ended="damaged", why=why)
@@ -154,6 +156,23 @@ def _of_pendulum(path: Path, folder: str) -> Entry:
         "imported",
         (path / PENDULUM).stat().st_mtime,
         swings=len(described["runs"]),
+        identity=identity_of_tables(title, path),
+    )
+
+
+def _of_experiment(path: Path, folder: str, seconds: float | None) -> Entry:
+    """Recordings of a mechanism; whether they can be used is for the commands that read them."""
+    described = tomllib.loads((path / EXPERIMENT).read_text(encoding="utf-8"))
+    title, recordings = str(described["title"]), described["recordings"]
+    return Entry(
+        folder,
+        title,
+        "IMPORT",
+        "imported",
+        (path / EXPERIMENT).stat().st_mtime,
+        motions=len(recordings),
+        named_conditions=tuple(dict.fromkeys(str(one["condition"]) for one in recordings)),
+        seconds=seconds,
         identity=identity_of_tables(title, path),
     )
 

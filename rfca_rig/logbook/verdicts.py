@@ -8,7 +8,8 @@ from stat import S_ISREG
 from typing import Any
 
 from rfca_rig.logbook.entry import Verdict
-from rfca_rig.logbook.finding import DIAGNOSIS, Found
+from rfca_rig.logbook.finding import Found
+from rfca_rig.recording.layout import DIAGNOSIS
 
 
 def diagnoses_near(runs: Path, found: Iterable[Found]) -> Iterator[tuple[Path, os.stat_result]]:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rfca_rig.mechanism.load import read_spec
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.recording.atomic import write_atomically
 
@@ -24,9 +25,7 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
     tuple of str
         What MJCF does not hold, in words.
     """
-    import mujoco  # noqa: PLC0415  (optional)
-
-    spec, model = mujoco.MjSpec.from_file(str(plant.mechanism.path)), plant.model
+    spec, model = read_spec(plant.mechanism.path), plant.model
     spec.compile()  # gives every geom its place
     for place, joint in enumerate(spec.joints):
         joint.frictionloss, joint.armature = plant.friction[place], model.dof_armature[place]
@@ -65,6 +64,7 @@ def _beyond_mjcf(plant: Plant) -> list[tuple[str, bool]]:
         ("friction that grows with load", bool(plant.load_loss.any())),
         ("hysteresis of the joints", bool(plant.hysteresis[0].any())),
         ("steady torques in the joints", bool(plant.torque_offset.any())),
+        ("measured laws", bool(plant.laws)),
         ("zero offsets of the readings", bool(plant.zero_offset.any())),
         ("saturation of the commands", bool(np.isfinite(plant.command_limit).any())),
         ("dead band of the commands", bool(plant.command_dead_band.any())),

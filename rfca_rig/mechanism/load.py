@@ -142,7 +142,7 @@ def load_mechanism(path: Path) -> Mechanism:
     if not path.is_file():
         raise BadInput(f"{path}: is not there; model names an MJCF or URDF file")
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = read_spec(path)
         spec.memory = ARENA_BYTES
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
@@ -172,6 +172,44 @@ def load_mechanism(path: Path) -> Mechanism:
         sensors=_list_sensors(model),
         has_contacts=bool(model.npair > 0 or np.any(model.geom_contype & model.geom_conaffinity[:, None])),
     )
+
+
+def read_spec(path: Path) -> Any:
+    """The file as MuJoCo has it, still to be compiled.
+
+    URDF has no actuators: every joint gets a motor of its name, whose command is its torque or force. Visual meshes that are not there
+    are left out: nothing depends on them where a body has its mass from an inertial.
+
+    Raises
+    ------
+    BadInput
+        Where a mesh is not there that contacts or masses depend on.
+    ValueError
+        Where MuJoCo refuses the file.
+    """
+    import mujoco  # noqa: PLC0415  (optional)
+
+    spec = mujoco.MjSpec.from_file(str(path))
+    missing = {mesh.name: mesh.file for mesh in spec.meshes if mesh.file and not _is_there(spec, path, mesh.file)}
+    for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
+        if geom.contype or geom.conaffinity or not geom.parent.explicitinertial:
+            use = "contacts depend" if geom.contype or geom.conaffinity else "the mass depends"
+            raise BadInput(
+                f"{path}: mesh {missing[geom.meshname]} of body {geom.parent.name!r} is not there, and {use} on it; "
+                f"put it there, or remove that geometry from the model"
+            )
+        spec.delete(geom)
+    for mesh in [mesh for mesh in spec.meshes if mesh.name in missing]:
+        spec.delete(mesh)
+    if path.suffix.lower() == ".urdf":
+        for joint in spec.joints:
+            if joint.name and joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+                spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    return spec
+
+
+def _is_there(spec: Any, path: Path, file: str) -> bool:
+    return bool((path.parent / spec.meshdir / file).is_file())
 
 
 def _list_sensors(model: Any) -> dict[str, Sensor]:

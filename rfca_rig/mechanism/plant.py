@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.mechanism.joint_law import JointLaw
 from rfca_rig.mechanism.load import Mechanism
 
 Floats = NDArray[np.float64]
@@ -45,6 +46,8 @@ class Plant:
         (d,) factor on each value of the sensors, and what is added to it: at the beginning of the recording, and per second since.
     sensor_lag_s, sensor_delay_s
         Time constant of a low-pass over the sensors, and by how much their clock is late.
+    laws
+        Torques that are given by tables.
     """
 
     mechanism: Mechanism
@@ -68,6 +71,7 @@ class Plant:
     speed_lag_s: float = 0.0
     sensor_lag_s: float = 0.0
     sensor_delay_s: float = 0.0
+    laws: tuple[JointLaw, ...] = ()
 
     @property
     def reads_sensors(self) -> bool:

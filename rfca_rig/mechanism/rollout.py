@@ -18,6 +18,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
+from rfca_rig.mechanism.joint_law import pack_laws
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.compiled import compiled
 
@@ -75,6 +76,43 @@ call_step = cast(Callable[[int, int, int], None], intrinsic(_call_step))
 
 
 @compiled
+def look_up(row: Floats, which: int, count: int, u: float) -> float:
+    """The value at `u` of row `which` of a table (3, k) with its knots in row 0: straight between knots, constant beyond them."""
+    if u <= row[0, 0]:
+        return float(row[which, 0])
+    if u >= row[0, count - 1]:
+        return float(row[which, count - 1])
+    i = 0
+    while u > row[0, i + 1]:
+        i += 1
+    return float(row[which, i] + (u - row[0, i]) / (row[0, i + 1] - row[0, i]) * (row[which, i + 1] - row[which, i]))
+
+
+@compiled
+def act_tables(
+    numbers: Floats, tables: Floats, q: Floats, w: Floats, before: Floats, h: float, applied: Floats, frictionloss: Floats
+) -> None:
+    """Adds the torques of `pack_laws` to MuJoCo's own arrays; `before` (n,) are the speeds a step earlier.
+
+    What brakes becomes dry friction, which cannot turn the motion around within a step: as an explicit torque, a steep law would need
+    steps that are shorter than inertia over slope.
+    """
+    for m in range(numbers.shape[0]):
+        i, by_speed, count = int(numbers[m, 0]), numbers[m, 1] > 0.0, int(numbers[m, 2])
+        u = w[i] if by_speed else q[i] + 0.5 * h * w[i]  # the middle of the step, or a spring would gain energy
+        value = look_up(tables[m], 1, count, u)
+        if by_speed:
+            towards = 1.0 if u > 0.0 else -1.0
+            brakes = frictionloss[i] + value * towards
+            frictionloss[i] = max(brakes, 0.0)
+            applied[i] -= min(brakes, 0.0) * towards
+        else:
+            applied[i] -= value
+        rate = (w[i] - before[i]) / h if by_speed else w[i]
+        applied[i] -= look_up(tables[m], 2, count, u) * np.tanh(rate / numbers[m, 3])
+
+
+@compiled
 def carry(
     step: int,
     model: int,
@@ -89,6 +127,8 @@ def carry(
     friction: Floats,
     offset: Floats,
     bristle: Floats,
+    law_numbers: Floats,
+    law_tables: Floats,
     h: float,
     path_q: Floats,
     path_w: Floats,
@@ -100,10 +140,12 @@ def carry(
     Sensors are noted before each step, (k, d): MuJoCo computes them at a step's beginning.
 
     `friction` (7, n): dry friction, Stribeck friction, its rise and its speed, the share of the load that is lost, Dahl's friction and the
-    angle over which it builds up. `offset` (n,) are steady torques, `bristle` (n,) the state of Dahl's friction. The arrays from `q` to
-    `frictionloss` are MuJoCo's own.
+    angle over which it builds up. `offset` (n,) are steady torques, `bristle` (n,) the state of Dahl's friction, `law_numbers` and
+    `law_tables` come from `pack_laws`. The arrays from `q` to `frictionloss` are MuJoCo's own.
     """
     for k in range(command.shape[0]):
+        for m in range(law_numbers.shape[0]):
+            applied[int(law_numbers[m, 0])] = offset[int(law_numbers[m, 0])]
         for i in range(q.size):
             path_q[k, i], path_w[k, i] = q[i], w[i]
             rise = friction[2, i] * np.exp(-abs(w[i]) / friction[3, i]) if friction[1, i] > 0.0 else 0.0
@@ -114,6 +156,8 @@ def carry(
                 after = towards + (bristle[i] - towards) * np.exp(-abs(slip))
                 applied[i] = offset[i] - friction[5, i] * 0.5 * (bristle[i] + after)
                 bristle[i] = after
+        if law_numbers.shape[0] > 0:
+            act_tables(law_numbers, law_tables, q, w, path_w[max(k - 1, 0)], h, applied, frictionloss)
         for j in range(ctrl.size):
             ctrl[j] = command[k, j]
         call_step(step, model, data)
@@ -181,7 +225,8 @@ def _integrate(plant: Plant, commands: Floats, position: Floats, speed: Floats) 
         carry(
             _step_address(), model._address, data._address,
             data.qpos, data.qvel, data.ctrl, data.qfrc_actuator, data.qfrc_applied, model.dof_frictionloss,
-            commands, friction, plant.torque_offset, np.zeros(model.nv), plant.step_s, path_q, path_w, data.sensordata, path_s,
+            commands, friction, plant.torque_offset, np.zeros(model.nv), *pack_laws(plant.laws), plant.step_s,
+            path_q, path_w, data.sensordata, path_s,
         )  # fmt: skip
         if path_s.size:
             mujoco.mj_forward(model, data)

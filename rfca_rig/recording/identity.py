@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from rfca_rig.recording.layout import EXPERIMENT
+from rfca_rig.recording.layout import DIAGNOSIS, EXPERIMENT
 from rfca_rig.recording.sums import sum_line
 
 DIGITS = 32
@@ -25,7 +25,9 @@ def described_files(folder: Path) -> list[Path]:
     """Of recordings from elsewhere the description, the model file and the recordings, in their order by name."""
     kinds = ("csv", *KINDS_OF_AN_EXPERIMENT) if (folder / EXPERIMENT).is_file() else ("csv",)
     described = (file for ending in ("toml", "xml", "urdf") for file in folder.glob(f"*.{ending}"))
-    return sorted([*described, *(file for ending in kinds for file in folder.rglob(f"*.{ending}"))])
+    tables = (file for ending in kinds for file in folder.rglob(f"*.{ending}"))
+    # a diagnosis that was written below the folder has tables of its own
+    return sorted([*described, *(file for file in tables if not (file.parent / DIAGNOSIS).is_file())])
 
 
 def identity_of_tables(title: str, folder: Path) -> str:

@@ -19,6 +19,7 @@ RECORDING = "run.h5"
 SUMS = "SHA256SUMS"
 PENDULUM = "pendulum.toml"  # describes recordings of a pendulum, which every command reads as they stand
 EXPERIMENT = "experiment.toml"  # describes recordings of a mechanism, in files of any kind
+DIAGNOSIS = "diagnosis.json"  # of a diagnosis's folder
 BALLAST = ".ballast"
 JOURNAL = ".journal"
 STAGE = ".h5"

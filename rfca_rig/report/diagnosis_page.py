@@ -19,6 +19,7 @@ from rfca_rig.report.diagnosis_wording import (
     sizes,
     within_90,
 )
+from rfca_rig.report.law_files import describe_law
 from rfca_rig.report.law_picture import measured_law_picture
 from rfca_rig.report.named_units import words_and_unit
 from rfca_rig.report.origin import Origin
@@ -38,6 +39,7 @@ NOTHING_LEFT = {
     "nothing missing": "Nothing beyond noise, scatter and the model\u2019s usual error.",
     "unexplained": "The whole difference shown above.",
 }
+MEMORY = "The force differs between a rising and a falling argument: no single curve is right, and the band holds both dotted branches."
 SHOWN_RIVALS = 7
 NEGLIGIBLE = 0.001
 
@@ -121,15 +123,14 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
 
 def _law(stated: StatedLaw) -> dict[str, Any]:
     law = stated.law
-    beside = f"beside {' and '.join(law.base)}" if law.base else "beside the model without effects"
-    instead = f", in place of {' and '.join(stated.instead_of)}" if stated.instead_of else ""
     memory = law.memory is not None and law.memory.has_memory
     return {
         "picture": measured_law_picture(law, stated.curve),
         "place": law.place,
-        "sentence": f"The residual law was measured {beside}{instead}. "
-        f"On held-out conditions it removes {100.0 * law.explained:.0f}\u00a0% of what those leave.",
-        "memory": "The force differs between a rising and a falling argument, see the dotted branches." if memory else "",
+        "sentence": f"The residual law was {describe_law(stated)}.",
+        "memory": "The force differs between a rising and a falling argument, see the dotted branches: no single curve is right."
+        if memory
+        else "",
     }
 
 

@@ -3,8 +3,10 @@
 import textwrap
 from collections.abc import Iterable, Sequence
 
+from rfca_rig.diagnosis.candidate_effects import EXCLUDED
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, NamedEffect, Value
 from rfca_rig.report.diagnosis_wording import SIGMA, chance, entries, moved_prior, percent, significant, within_90
+from rfca_rig.report.law_files import describe_law
 from rfca_rig.report.named_units import words_and_unit
 from rfca_rig.report.wording import counted
 
@@ -31,6 +33,10 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
     if diagnosis.verdict == "not enough data":
         yield from diagnosis.remarks[:3]
     yield from (_effect(effect) for effect in diagnosis.effects[:3])
+    if diagnosis.stated_law is not None:
+        law = diagnosis.stated_law.law
+        yield f"law at {law.place} over {law.argument}, {describe_law(diagnosis.stated_law)}"
+    yield from (remark for remark in diagnosis.remarks if remark.startswith(EXCLUDED))
     yield from (_place("located", place) for place in sorted(diagnosis.located, key=lambda place: -place.sigmas)[:PLACES])
     yield from (_place("remains", place) for place in diagnosis.remaining[:1])
     if diagnosis.place is not None:

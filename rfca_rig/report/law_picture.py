@@ -15,6 +15,10 @@ DASHES = (0, (3.2, 1.8))
 WORDS = {
     "rate_rad_s": "rate of the hinge",
     "angle_rad": "angle of the hinge",
+    "speed_rad_s": "speed of the joint",
+    "speed_m_s": "speed of the joint",
+    "position_rad": "position of the joint",
+    "position_m": "position of the joint",
     "spring_torque_Nm": "torque of the spring",
     "slip_m_s": "sliding speed of the tip",
     "load_N": "load on the tip",
@@ -53,4 +57,4 @@ def _draw(axes: Axes, law: MeasuredLaw, curve: CatalogueCurve | None) -> None:
 
 
 def _words(law: MeasuredLaw) -> str:
-    return WORDS.get(law.argument, "reading").replace("hinge", "joint" if law.place.startswith("joint") else "hinge")
+    return WORDS.get(law.argument, "reading").replace("hinge", "hinge" if law.place.startswith("hinge") else "joint")

@@ -67,7 +67,5 @@ def test_only_the_size_of_an_effect_can_do_just_what_a_nuisance_does():
 def test_an_effect_that_counts_something_is_tried_for_each_count():
     assert [dict(choice.whole)["hinge"] for choice in terms_of(catalogue()["damaged_hinge"])] == [2, 3, 4, 5, 6, 7]
     assert [len(grid_of(term)) for term in terms_of(catalogue()["damaged_hinge"])] == [1] * 6
-    assert all(
-        [np.sign(point[0]) for point in grid_of(term)] == [-1.0, 1.0] for term in terms_of(catalogue()["hinge_rest_angle_of_one"])
-    )
+    assert all([np.sign(point[0]) for point in grid_of(term)] == [-1.0, 1.0] for term in terms_of(catalogue()["hinge_rest_angle_of_one"]))
     assert terms_of(catalogue()["tip_mass"]) == (EffectTerm(catalogue()["tip_mass"]),)

@@ -23,7 +23,7 @@ from rfca_rig.diagnosis.model_files import write_measured_model
 from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum
 from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, pendulum_dataset, stretches_of
 from rfca_rig.diagnosis.residual_force.catalogue_curve import catalogue_curve
-from rfca_rig.diagnosis.residual_force.law_arguments import knots_over
+from rfca_rig.diagnosis.residual_force.law_arguments import knots_over, make_argument
 from rfca_rig.diagnosis.residual_force.law_prior import NONE, root_of
 from rfca_rig.diagnosis.residual_force.measured_law import TableTerm, base_without, fit_law, measure_law, with_memory_test
 from rfca_rig.errors import BadInput
@@ -113,7 +113,7 @@ def test_a_stribeck_law_of_another_exponent_is_measured_and_its_model_predicts_n
 @pytest.mark.slow
 def test_dry_friction_of_the_pins_has_memory_as_a_function_of_the_angle(tmp_path):
     found, _ = searched(tmp_path, effects={"hinge_coulomb_friction": {"torque_Nm": 0.05}})
-    law = with_memory_test(found, fit_law(found, "hinges", "angle_rad", found.nothing))
+    law = with_memory_test(found, fit_law(found, make_argument("hinges", "angle_rad"), found.nothing))
     assert law.memory.has_memory
     assert law.memory.log_evidence_gain > 50.0
 
@@ -196,7 +196,7 @@ def test_the_log_density_of_a_condition_is_that_of_all_rows_less_that_of_the_oth
 
 
 def test_knots_of_a_speed_stand_denser_around_zero_which_is_one_of_them():
-    knots = knots_over((-2.0, 0.7), "rate_rad_s")
+    knots = knots_over((-2.0, 0.7), is_signed=True)
     assert (knots[0], knots[-1]) == pytest.approx((-2.0, 0.7))
     assert 0.0 in knots
     steps, near = np.diff(knots), int(np.flatnonzero(knots == 0.0)[0])
@@ -216,7 +216,9 @@ def test_a_smooth_prior_leaves_a_straight_line_free_and_may_know_that_nothing_is
 
 
 def test_the_coordinates_of_a_tabulated_term_are_standard_normal():
-    term = TableTerm(catalogue()["tip_mass"], (), "hinges", "angle_rad", (0.0, 1.0), ((2.0, 0.0), (1.0, 3.0)))
+    term = TableTerm(
+        catalogue()["tip_mass"], argument=make_argument("hinges", "angle_rad"), knots=(0.0, 1.0), root=((2.0, 0.0), (1.0, 3.0))
+    )
     assert [value_of(parameter, 0.7) for parameter in term.free] == pytest.approx([0.7, 0.7])
     assert coordinate_of(term.free[0], -1.3) == pytest.approx(-1.3)
     assert term.present(np.array([1.0, -1.0])).table.values == pytest.approx((2.0, -2.0))

@@ -35,7 +35,7 @@ def read(monkeypatch):
     """The folders that were read, not taken from the index."""
     folders = []
     entry_in = listing.entry_in
-    monkeypatch.setattr(listing, "entry_in", lambda runs, folder: (folders.append(folder), entry_in(runs, folder))[1])
+    monkeypatch.setattr(listing, "entry_in", lambda runs, folder, measure_s: (folders.append(folder), entry_in(runs, folder, measure_s))[1])
     return folders
 
 

@@ -186,9 +186,10 @@ def test_an_unknown_effect_that_is_to_be_left_out_is_refused(short):
 
 
 def test_options_for_a_leg_are_refused(short):
-    ran = CliRunner().invoke(app, ["diagnose", str(short), "--law", "joints"])
-    assert isinstance(ran.exception, BadInput)
-    assert "leave them out for a mechanism" in str(ran.exception)
+    for options, said in ((("--close-the-loop",), "leave it out for a mechanism"), (("--law", "joints"), "no law can be measured there")):
+        ran = CliRunner().invoke(app, ["diagnose", str(short), *options])
+        assert isinstance(ran.exception, BadInput)
+        assert said in str(ran.exception)
 
 
 def test_a_draft_names_what_it_cannot_know_and_is_read_once_that_is_filled_in(short, tmp_path):

@@ -264,7 +264,11 @@ def test_a_measured_law_is_drawn_and_told(tmp_path):
     )
     assert len(told["knots"]) == len(told["values"]) == len(told["std"]) and told["has_memory"] is None
     said = read(page(measured, Origin()))
-    assert "The law at floor_friction as measured" in said and "in place of hinge_backlash" in said and "removes 90 %" in said
+    assert (
+        "The law at floor_friction as measured" in said
+        and "in place of what hinge_backlash states there" in said
+        and "removes 90 %" in said
+    )
     assert written_json(tmp_path, NAMED)["measured_law"] is None and "as measured" not in read(page(NAMED, Origin()))
 
 

@@ -1,10 +1,11 @@
 """`diagnose_mechanism`: recordings and a model file in, the same kind of answer out as for a leg."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 from rfca_rig.campaign.experiment import Experiment
 from rfca_rig.crew.cores import algebra_on_one_thread
+from rfca_rig.diagnosis.candidate_effects import describe_exclusions
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.data.windows import WINDOWS_OF_CONDITION
@@ -12,28 +13,33 @@ from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.experiment_design.mechanism_experiment import Excitation, propose_motion
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
+from rfca_rig.diagnosis.mechanisms.joint_law import MeasuredJointLaw, measure_joint_law, parse_place
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.diagnosis.mechanisms.windows import MECHANISMS
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import Plant
+from rfca_rig.model.effect import Effect
 
 
 @dataclass(frozen=True)
 class MechanismDiagnosis:
     """The answer, the mechanism with what it states, and what to record next, None where that is no motion.
 
-    Effects and nuisance parameters of `plant` are at their posterior means.
+    Effects and nuisance parameters of `plant` are at their posterior means. `law` was measured on request. `stated`
+    describes the effects in lines: formulas, sources and values.
     """
 
     diagnosis: Diagnosis
     plant: Plant
     excitation: Excitation | None
+    law: MeasuredJointLaw | None
+    stated: tuple[str, ...]
 
 
 @algebra_on_one_thread()
-def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Collection[str] = ()) -> MechanismDiagnosis:
+def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Collection[str] = (), law_at: str = "") -> MechanismDiagnosis:
     """The diagnosis of recordings of a mechanism.
 
     Parameters
@@ -44,6 +50,8 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
         Called with what is being done and the share that is done.
     without
         Ids of effects that are not looked for.
+    law_at
+        Where a law is measured too, as of `parse_place`, if not empty.
 
     Raises
     ------
@@ -55,6 +63,7 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
     progress("reading", 0.0)
     problem = make_problem(experiment, load_mechanism(experiment.model))
     problem.check_effects("--without", without)
+    place = parse_place(law_at, problem.simulator.mechanism) if law_at else None
     simulator = problem.simulator
     effects = [effect for effect in simulator.effects.values() if effect.id not in without]
     found = search_models(make_dataset(problem.conditions, simulator), Parameterization(problem.space), effects, progress)
@@ -70,10 +79,27 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
     plant = simulator.plant(stated.fitted.coordinates.supposed(stated.marginal.posterior.mean))
     fewer = f"{problem.windows} of {problem.recorded_windows} recorded windows were used, evenly spread; windows.at_most uses more"
     following = propose_motion(problem, found, decision, enough)
+    law = None
+    if place is not None:
+        progress(f"measuring the law at {law_at}", 0.98)
+        law = measure_joint_law(problem, found, decision.explanation, place)
+    seldom = (fewer,) if problem.windows < problem.recorded_windows else ()
     result = replace(
         result,
-        remarks=(*result.remarks, *((fewer,) if problem.windows < problem.recorded_windows else ())),
+        remarks=(*result.remarks, *describe_exclusions(without), *seldom),
+        stated_law=None if law is None else law.stated,
         settings={**result.settings, **settings, "windows": problem.windows},
         next_experiment=None if following is None else following.proposal,
     )
-    return MechanismDiagnosis(result, plant, None if following is None else following.excitation)
+    excitation = None if following is None else following.excitation
+    return MechanismDiagnosis(result, plant, excitation, law, _describe_effects(result, simulator.effects))
+
+
+def _describe_effects(result: Diagnosis, effects: Mapping[str, Effect]) -> tuple[str, ...]:
+    """The stated effects with formulas, sources and values."""
+    lines = []
+    for named in result.effects:
+        effect = effects[named.id]
+        lines += [f"{named.id}: {named.left_out}", f"    law: {effect.law}", f"    source: {effect.source}"]
+        lines += [f"    {name} = {value.value:.4g} +- {value.std:.2g}" for name, value in {**named.parameters, **named.shape}.items()]
+    return tuple(lines)

@@ -13,9 +13,10 @@ from rfca_rig.diagnosis.data.observations import Label, Observations
 from rfca_rig.diagnosis.data.windows import WindowRows, observe, start_gain
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, shift_plant
 from rfca_rig.diagnosis.simulator import Simulator
+from rfca_rig.mechanism.joint_law import make_tabulated_effect
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import Plant, make_plant, update_constants
-from rfca_rig.mechanism.rollout import CommandTrace, roll
+from rfca_rig.mechanism.rollout import CommandTrace, Motion, roll
 from rfca_rig.model.effect import Effect
 
 Floats = NDArray[np.float64]
@@ -153,13 +154,18 @@ class MechanismSimulator(Simulator):
         plant = make_plant(self.mechanism, self.step_s, bool((self.columns >= 2 * len(self.mechanism.joints)).any()))
         shift_plant(plant, at)
         for present in at.effects:
-            plant = self.effects[present.id].apply(plant, dict(present.values))
+            effect = self.effects[present.id] if present.table is None else make_tabulated_effect(self.mechanism, present.table)
+            plant = effect.apply(plant, dict(present.values))
         update_constants(plant)
         return plant
 
+    def roll(self, plant: Plant, window: Window) -> Motion:
+        """The motion from the measured start. Raises SimulationFailed."""
+        return roll(plant, window.trace, window.position, window.speed, window.t_s, window.since_s)
+
     def follow(self, plant: Plant, window: Window) -> Floats:
         """What the plant does from the measured start, (s, b). Raises SimulationFailed."""
-        motion = roll(plant, window.trace, window.position, window.speed, window.t_s, window.since_s)
+        motion = self.roll(plant, window)
         read = np.concatenate([motion.position, motion.speed, motion.sensors], axis=1)[:, self.columns]
         return bin_means(read, window.bins).T
 

@@ -1,15 +1,56 @@
 """A law as the recordings have it, and what stands beside it: plain values, which pages and files read."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
+from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import LawTable, PresentEffect
 from rfca_rig.model.tabulated_law import TABULATED_LAW
 
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LawArgument:
+    """On what a force at a place may depend, on one kind of rig.
+
+    Parameters
+    ----------
+    place, name
+        The place, and the argument.
+    unit, value_unit
+        Of the argument and of the force; "" for a share of the friction coefficient.
+    plausible
+        Size of the force that a rig may have, in its unit.
+    is_signed
+        Whether the law may change sign with its argument, so that knots stand denser around zero.
+    zero_at_zero
+        Whether the force is known to be none where the argument is 0.
+    effect_of
+        The effect that simulates a table of it.
+    """
+
+    place: str
+    name: str
+    unit: str
+    value_unit: str
+    plausible: float
+    is_signed: bool
+    zero_at_zero: bool
+    effect_of: Callable[[LawTable], Effect]
+
+
+@dataclass(frozen=True)
+class Course:
+    """One argument over one condition: `values` (m, k) at the times `t_s` (m,), k hinges or 1, and where each `counts`, (m, k)."""
+
+    t_s: Floats
+    values: Floats
+    counts: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

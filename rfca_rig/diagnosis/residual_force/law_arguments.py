@@ -4,7 +4,8 @@ Ranges come from the model's own motion, which has no noise, never from a differ
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +15,15 @@ from rfca_rig.analysis.swings import shifted
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.leg.simulator import flaps_of
 from rfca_rig.diagnosis.leg.strokes import FlapCondition
+from rfca_rig.diagnosis.mechanisms.windows import Motions
 from rfca_rig.diagnosis.pendulums.nuisances import of_pendulum
 from rfca_rig.diagnosis.pendulums.windows import Stretch
+from rfca_rig.diagnosis.residual_force.joint_argument import courses_of_motions, own_law_of_joint
+from rfca_rig.diagnosis.residual_force.law import Course, LawArgument
 from rfca_rig.errors import BadInput
 from rfca_rig.model.pendulum import driven
 from rfca_rig.model.stroke import SimulatedStroke
-from rfca_rig.model.tabulated_law import SURE_OF_SIGN_RAD_S
+from rfca_rig.model.tabulated_law import SURE_OF_SIGN_RAD_S, effect_of_table, kind_of
 
 Floats = NDArray[np.float64]
 
@@ -37,13 +41,12 @@ ZERO_AT_ZERO = ("rate_rad_s",)  # what resists a turn is not there without one: 
 PLAUSIBLE = {"N m": 0.1, "N": 2.0, "": 0.3}  # size of a law's value, in its unit: some percent of what the paper's leg does in a stroke
 
 
-@dataclass(frozen=True)
-class Course:
-    """One argument over one condition: `values` (m, k) at the times `t_s` (m,), k hinges or 1, and where each `counts`, (m, k)."""
-
-    t_s: Floats
-    values: Floats
-    counts: NDArray[np.bool_]
+def make_argument(place: str, argument: str) -> LawArgument:
+    """What a law of this argument at a place of a leg or a pendulum is. Raises BadInput where there is none."""
+    kind = kind_of(place, argument)
+    return LawArgument(
+        place, argument, kind.argument_unit, kind.unit, PLAUSIBLE[kind.unit], argument in SIGNED, argument in ZERO_AT_ZERO, effect_of_table
+    )
 
 
 def arguments_at(place: str) -> tuple[str, ...]:
@@ -58,8 +61,11 @@ def arguments_at(place: str) -> tuple[str, ...]:
     return (f"reading_{place.split('_')[1]}", "time_s", "shaft_angle_rad")
 
 
-def courses(dataset: Dataset, supposed: Supposed, place: str, argument: str) -> list[Course]:
+def courses(dataset: Dataset, supposed: Any, place: str, argument: str) -> list[Course]:
     """The argument over every condition that moves, as the model has it. Raises SimulationFailed, and BadInput where none moves."""
+    motions = [part for part in dataset.parts if isinstance(part, Motions)]
+    if motions:
+        return courses_of_motions(dataset, motions, supposed, place, argument)
     found = [course_of_stroke(flap, supposed, place, argument) for flap in flaps_of(dataset.parts)]
     found += [each for part in dataset.parts if isinstance(part, Stretch) for each in course_of_stretch(part, supposed, place, argument)]
     if not found:
@@ -74,10 +80,10 @@ def visited_range(found: Sequence[Course]) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def knots_over(visited: tuple[float, float], argument: str) -> Floats:
+def knots_over(visited: tuple[float, float], is_signed: bool) -> Floats:
     """Knots (k,) over a range, ascending."""
     low, high = visited
-    if argument not in SIGNED:
+    if not is_signed:
         return np.linspace(low, high, PLAIN_KNOTS)
     scale = NEAR_ZERO * max(abs(low), abs(high))
     first, last = np.arcsinh(low / scale), np.arcsinh(high / scale)
@@ -89,8 +95,10 @@ def knots_over(visited: tuple[float, float], argument: str) -> Floats:
     return np.asarray(scale * np.sinh(np.append(below, above[1:])))
 
 
-def own_law(dataset: Dataset, supposed: Supposed, place: str, argument: str, u: Floats) -> Floats | None:
+def own_law(dataset: Dataset, supposed: Any, place: str, argument: str, u: Floats) -> Floats | None:
     """What the model has at the place already, at the arguments `u` (k,), with its base effects left aside; None where it has nothing."""
+    if isinstance(dataset.parts[0], Motions):
+        return own_law_of_joint(dataset, replace(supposed, effects=()), place, argument, u)
     leg, ground = supposed.rig.leg, supposed.rig.ground
     if place.startswith("joint"):
         return _own_of_joint(dataset, supposed, place, argument, u)

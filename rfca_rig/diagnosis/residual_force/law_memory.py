@@ -20,11 +20,13 @@ from rfca_rig.diagnosis.data.dataset import THREADS
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.leg.strokes import FlapCondition
 from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
+from rfca_rig.diagnosis.mechanisms.windows import Motions
 from rfca_rig.diagnosis.pendulums.nuisances import of_pendulum
 from rfca_rig.diagnosis.pendulums.windows import Stretch
 from rfca_rig.diagnosis.residual_force.force_inputs import NominalCondition, arms_of, of_tip
-from rfca_rig.diagnosis.residual_force.law import MemoryTest
-from rfca_rig.diagnosis.residual_force.law_arguments import PLAUSIBLE, Course, course_of_stretch, course_of_stroke
+from rfca_rig.diagnosis.residual_force.joint_argument import response_to_branch, turning_rate
+from rfca_rig.diagnosis.residual_force.law import Course, MemoryTest
+from rfca_rig.diagnosis.residual_force.law_arguments import course_of_stretch, course_of_stroke
 from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, root_of
 from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, Change, bumps_of, forced_stroke, tick
 from rfca_rig.errors import SimulationFailed
@@ -32,7 +34,6 @@ from rfca_rig.model.laws import HINGE, TABLE, LawUse
 from rfca_rig.model.parameters import LawTable
 from rfca_rig.model.pendulum import driven
 from rfca_rig.model.setup import Setup, with_law
-from rfca_rig.model.tabulated_law import kind_of
 
 Floats = NDArray[np.float64]
 
@@ -46,13 +47,14 @@ BENDING = ("angle_rad", "spring_torque_Nm")  # arguments that grow with the load
 APART = 0.25  # of the knots at which the branches must be two standard deviations apart
 
 
-def detect_memory(found: ModelSelectionResult, linear: Linear, supposed: Supposed, table: LawTable, slopes: Floats) -> MemoryTest:
+def detect_memory(
+    found: ModelSelectionResult, linear: Linear, supposed: Any, table: LawTable, plausible: float, slopes: Floats
+) -> MemoryTest:
     """The two branches of the law in `table`, which acts in what is `supposed`; `linear` is the hypothesis with the law around that.
 
-    `slopes` (m, k) is what the values of the table do to all rows: at a static stage they act in the direction of its turn.
-    Raises SimulationFailed where the model has no answer.
+    `plausible` is the size of a plausible value. `slopes` (m, k) is what the values of the table do to all rows: at a static stage they
+    act in the direction of its turn. Raises SimulationFailed where the model has no answer.
     """
-    plausible = PLAUSIBLE[kind_of(table.place, table.argument).unit]
     responses = _responses(found, supposed, table, plausible) + _of_stages(found, table, slopes)
     whitening, knots = found.likelihood.level(linear), np.array(table.knots)
     none = laplace_posterior(linear, whitening).log_evidence
@@ -71,9 +73,10 @@ def detect_memory(found: ModelSelectionResult, linear: Linear, supposed: Suppose
     return MemoryTest(values + half, values - half, 2.0 * std, gain, has_memory)
 
 
-def _responses(found: ModelSelectionResult, supposed: Supposed, table: LawTable, size: float) -> Floats:
+def _responses(found: ModelSelectionResult, supposed: Any, table: LawTable, size: float) -> Floats:
     """What a unit of g at each knot does to all rows, (m, k)."""
     rows, count = found.dataset.rows, len(table.knots)
+    turning = turning_rate(found.dataset, supposed, table, TURNING) if isinstance(found.dataset.parts[0], Motions) else 0.0
     jobs = [(number, part, knot) for number, part in enumerate(found.dataset.parts) for knot in range(count)]
     of_strokes = {
         number: _Stroke.of(part, supposed, table) for number, part in enumerate(found.dataset.parts) if isinstance(part, FlapCondition)
@@ -83,6 +86,8 @@ def _responses(found: ModelSelectionResult, supposed: Supposed, table: LawTable,
         number, part, knot = job
         if number in of_strokes:
             return of_strokes[number].response(knot, size)
+        if isinstance(part, Motions):
+            return response_to_branch(found.dataset, part, supposed, knot, TRIED * size, turning)
         return _of_stretch(part, supposed, table, knot, size) if isinstance(part, Stretch) else None
 
     responses = np.zeros((len(rows.measured), count))

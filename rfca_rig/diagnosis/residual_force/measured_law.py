@@ -7,7 +7,7 @@ the covariance of the data has the discrepancy in it.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -18,13 +18,12 @@ from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities, loo_residuals, products_without
 from rfca_rig.diagnosis.likelihood.laplace import Linear
-from rfca_rig.diagnosis.residual_force.law import MeasuredLaw
+from rfca_rig.diagnosis.residual_force.law import LawArgument, MeasuredLaw
 from rfca_rig.diagnosis.residual_force.law_arguments import (
-    PLAUSIBLE,
-    ZERO_AT_ZERO,
     arguments_at,
     courses,
     knots_over,
+    make_argument,
     own_law,
     visited_range,
     with_own,
@@ -34,7 +33,7 @@ from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, root_o
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.effect import Parameter
 from rfca_rig.model.parameters import LawTable, PresentEffect
-from rfca_rig.model.tabulated_law import TABULATED_LAW, effect_of_table, kind_of
+from rfca_rig.model.tabulated_law import TABULATED_LAW
 
 Floats = NDArray[np.float64]
 
@@ -56,8 +55,7 @@ class Start:
 class TableTerm(EffectTerm):
     """A tabulated law as a hypothesis has it: `root` (k rows of k) times its standard normal coordinates are the values."""
 
-    place: str = ""
-    argument: str = ""
+    argument: LawArgument = field(kw_only=True)
     knots: tuple[float, ...] = ()
     root: tuple[tuple[float, ...], ...] = ()
 
@@ -72,7 +70,7 @@ class TableTerm(EffectTerm):
 
     def present(self, z: Floats) -> PresentEffect:
         """The law at these coordinates."""
-        table = LawTable(self.place, self.argument, self.knots, tuple(float(value) for value in self.values(z)))
+        table = LawTable(self.argument.place, self.argument.name, self.knots, tuple(float(value) for value in self.values(z)))
         return PresentEffect(TABULATED_LAW, table=table)
 
 
@@ -101,9 +99,25 @@ def measure_law(
     SimulationFailed
         Where the model has no answer with any law there.
     """
-    laws = [law for argument in arguments or arguments_at(place) if (law := fit_law(found, place, argument, base, start)) is not None]
+    return measure_best_law(found, [make_argument(place, argument) for argument in arguments or arguments_at(place)], base, start)
+
+
+def measure_best_law(
+    found: ModelSelectionResult, arguments: Sequence[LawArgument], base: Hypothesis, start: Start | None = None, renew_range: bool = False
+) -> MeasuredLaw:
+    """The same for arguments of any kind of rig, all at one place.
+
+    With `renew_range` each law is fitted again over the range of the motion with the law. Windows that begin at a measured state run to
+    speeds that were never recorded where the base brakes too little.
+    """
+    fitted = [(argument, fit_law(found, argument, base, start)) for argument in arguments]
+    laws = [law for _, law in fitted if law is not None]
+    if renew_range:
+        laws = [fit_law(found, argument, base, _start_at(law), law.hypothesis) or law for argument, law in fitted if law is not None]
     if not laws:
-        raise SimulationFailed(f"the model cannot be computed with a tabulated law at {place}; look at the base hypothesis first")
+        raise SimulationFailed(
+            f"the model cannot be computed with a tabulated law at {arguments[0].place}; look at the base hypothesis first"
+        )
     best = max(laws, key=lambda law: law.log_density_gain)
     return with_memory_test(found, best)
 
@@ -115,7 +129,14 @@ def with_memory_test(found: ModelSelectionResult, law: MeasuredLaw) -> MeasuredL
     linear, supposed = fitted.linear(found.dataset.rows.measured), fitted.coordinates.supposed(fitted.x)
     term, part = _term_of(fitted)
     slopes = fitted.jacobian[:, part] @ np.linalg.inv(np.array(term.root))
-    return replace(law, memory=detect_memory(found, linear, supposed, table, slopes))
+    memory = detect_memory(found, linear, supposed, table, term.argument.plausible, slopes)
+    if not memory.has_memory:
+        return replace(law, memory=memory)
+    half = 0.5 * (memory.rising - memory.falling)  # no single curve is right: the band holds both branches
+    whole_std = law.whole_std
+    if law.whole is not None and whole_std is not None:
+        whole_std = np.hypot(whole_std, half * (law.whole / (1.0 + law.values) if law.place == "floor_friction" else 1.0))
+    return replace(law, memory=memory, std=np.hypot(law.std, half), whole_std=whole_std)
 
 
 def base_without(found: ModelSelectionResult, hypothesis: Hypothesis, effect: str) -> Hypothesis:
@@ -132,25 +153,31 @@ def base_without(found: ModelSelectionResult, hypothesis: Hypothesis, effect: st
     return _hypothesis(optimizer, optimizer.converge(optimizer.refine(rest)))
 
 
-def fit_law(found: ModelSelectionResult, place: str, argument: str, base: Hypothesis, begin: Start | None = None) -> MeasuredLaw | None:
-    """The law of one argument; None where the argument hardly changes, or where the model has no answer."""
-    kind, optimizer = kind_of(place, argument), GaussNewton(found.dataset, found.likelihood)
-    supposed = base.fitted.coordinates.supposed(base.fitted.x)
-    visited = visited_range(courses(found.dataset, supposed, place, argument))
+def fit_law(
+    found: ModelSelectionResult, argument: LawArgument, base: Hypothesis, begin: Start | None = None, moving: Hypothesis | None = None
+) -> MeasuredLaw | None:
+    """The law of one argument over its range in the motion of the base, or of `moving`, with which the fit begins at `begin` alone.
+
+    None where the argument hardly changes, or where the model has no answer.
+    """
+    optimizer = GaussNewton(found.dataset, found.likelihood)
+    of_motion = (moving or base).fitted
+    supposed = of_motion.coordinates.supposed(of_motion.x)
+    visited = visited_range(courses(found.dataset, supposed, argument.place, argument.name))
     if visited[1] - visited[0] < 1e-9:
         return None
-    knots = knots_over(visited, argument)
-    first = _term(place, argument, knots, PLAUSIBLE[kind.unit] * FIRST_SIZE, FIRST_ROUGHNESS)
+    knots = knots_over(visited, argument.is_signed)
+    first = _term(argument, knots, FIRST_SIZE, FIRST_ROUGHNESS)
     coordinates = base.fitted.coordinates.with_terms((*base.fitted.coordinates.choices, first))
     fits = []
     # what is missing may have drawn the nuisance parameters away, so the fit also begins at their prior means
-    starts = [np.append(x, np.zeros(len(knots))) for x in (base.fitted.x, base.fitted.as_believed)]
-    if begin is not None and (values := begin.values(argument, knots)) is not None:
+    starts = [np.append(x, np.zeros(len(knots))) for x in (base.fitted.x, base.fitted.as_believed) if moving is None]
+    if begin is not None and (values := begin.values(argument.name, knots)) is not None:
         starts.append(np.append(begin.x, np.linalg.solve(np.array(first.root), values)))
     for x in starts:
         start = optimizer.at(coordinates, x)
         if start is not None:
-            here = _with_likeliest_prior(optimizer, optimizer.refine(start, LEVELS, ROUNDS), PLAUSIBLE[kind.unit])
+            here = _with_likeliest_prior(optimizer, optimizer.refine(start, LEVELS, ROUNDS))
             fits.append(optimizer.refine(here, LEVELS, ROUNDS))
     if not fits:
         return None
@@ -158,14 +185,24 @@ def fit_law(found: ModelSelectionResult, place: str, argument: str, base: Hypoth
     return _measured(found, base, _hypothesis(optimizer, best), visited)
 
 
-def _term(place: str, argument: str, knots: Floats, size: float, roughness: float) -> TableTerm:
-    """The term with the prior of this size and roughness."""
-    table = LawTable(place, argument, tuple(map(float, knots)), (0.0,) * len(knots))
-    rows = tuple(tuple(map(float, row)) for row in root_of(knots, size, roughness, argument in ZERO_AT_ZERO))
-    return TableTerm(effect_of_table(table), (), place, argument, table.knots, rows)
+def _start_at(law: MeasuredLaw) -> Start:
+    """Where a fit begins over other knots."""
+    _, part = _term_of(law.hypothesis.fitted)
+    return Start(law.hypothesis.fitted.x[: part.start], lambda _, knots: np.interp(knots, law.knots, law.values))
 
 
-def _with_likeliest_prior(optimizer: GaussNewton, here: MapFit, plausible: float) -> MapFit:
+def _term(argument: LawArgument, knots: Floats, size: float, roughness: float) -> TableTerm:
+    """The term with the prior of this size, as a multiple of the plausible one, and roughness."""
+    table = LawTable(argument.place, argument.name, tuple(map(float, knots)), (0.0,) * len(knots))
+    rows = tuple(tuple(map(float, row)) for row in _root(argument, knots, size, roughness))
+    return TableTerm(argument.effect_of(table), argument=argument, knots=table.knots, root=rows)
+
+
+def _root(argument: LawArgument, knots: Floats, size: float, roughness: float) -> Floats:
+    return root_of(knots, size * argument.plausible, roughness, argument.zero_at_zero)
+
+
+def _with_likeliest_prior(optimizer: GaussNewton, here: MapFit) -> MapFit:
     """The fit at the same place with the size and roughness of the greatest evidence, by the slopes that it has."""
     term, part = _term_of(here)
     root = np.array(term.root)
@@ -173,7 +210,7 @@ def _with_likeliest_prior(optimizer: GaussNewton, here: MapFit, plausible: float
     target = here.linear(optimizer.dataset.rows.measured).target
     best, most = here, -np.inf
     for size, roughness in product(SIZES, ROUGHNESS):
-        other = _term(term.place, term.argument, knots, size * plausible, roughness)
+        other = _term(term.argument, knots, size, roughness)
         jacobian = np.column_stack([here.jacobian[:, : part.start], slopes @ np.array(other.root)])
         log_evidence = optimizer.likelihood.evaluate(Linear(target, jacobian)).log_evidence
         if log_evidence > most:
@@ -197,17 +234,17 @@ def _hypothesis(optimizer: GaussNewton, fitted: MapFit) -> Hypothesis:
 
 def _measured(found: ModelSelectionResult, base: Hypothesis, law: Hypothesis, visited: tuple[float, float]) -> MeasuredLaw:
     (term, part), posterior = _term_of(law.fitted), law.marginal.posterior
-    kind = kind_of(term.place, term.argument)
+    argument = term.argument
     values, knots = term.values(posterior.mean[part]), np.array(term.knots)
     covariances = (_covariance(found, law), _jackknife_covariance(found, law))
     whole = _whole(found, law, covariances)
     before, after = (_held_out_misfit(found, each) for each in (base, law))
     densities = [_held_out_log_density(found, each) for each in (base, law)]
     return MeasuredLaw(
-        place=term.place,
-        argument=term.argument,
-        argument_unit=kind.argument_unit,
-        unit=kind.unit,
+        place=argument.place,
+        argument=argument.name,
+        argument_unit=argument.unit,
+        unit=argument.value_unit,
         knots=knots,
         values=values,
         std=_widest([each[part, part] for each in covariances]),
@@ -238,12 +275,12 @@ def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
     """Of nuisances and values about the estimate, over all sizes and degrees of roughness of the prior as far as the evidence has them."""
     term, part = _term_of(law.fitted)
     linear, root = law.fitted.linear(found.dataset.rows.measured), np.array(term.root)
-    plausible, knots = PLAUSIBLE[kind_of(term.place, term.argument).unit], np.array(term.knots)
+    knots = np.array(term.knots)
     slopes = linear.jacobian[:, part] @ np.linalg.inv(root)
     estimate = _to_values(len(law.fitted.x), part, root) @ law.marginal.posterior.mean
     logs, moments = [], []
     for size, roughness in product(SIZES, ROUGHNESS):
-        other = root_of(knots, size * plausible, roughness, term.argument in ZERO_AT_ZERO)
+        other = _root(term.argument, knots, size, roughness)
         judged = found.likelihood.evaluate(Linear(linear.target, np.column_stack([linear.jacobian[:, : part.start], slopes @ other])))
         turn = _to_values(len(estimate), part, other)
         off = turn @ judged.posterior.mean - estimate
@@ -275,8 +312,8 @@ def _whole(found: ModelSelectionResult, law: Hypothesis, covariances: Sequence[F
     term, part = _term_of(law.fitted)
 
     def at(x: Floats) -> Floats | None:
-        own = own_law(found.dataset, coordinates.supposed(x), term.place, term.argument, np.array(term.knots))
-        return None if own is None else with_own(term.place, own, x[part])
+        own = own_law(found.dataset, coordinates.supposed(x), term.argument.place, term.argument.name, np.array(term.knots))
+        return None if own is None else with_own(term.argument.place, own, x[part])
 
     estimate = _to_values(coordinates.size, part, np.array(term.root)) @ posterior.mean
     here = at(estimate)

@@ -1,0 +1,96 @@
+"""The torque of one joint as a table over its speed or its position: a law without a formula.
+
+Between its knots it is straight, beyond them constant. A positive value resists a positive speed, or a positive position.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.mechanism.load import Mechanism
+from rfca_rig.model.effect import Effect, Values
+from rfca_rig.model.parameters import LawTable
+from rfca_rig.model.tabulated_law import TABULATED_LAW
+
+if TYPE_CHECKING:
+    from rfca_rig.mechanism.plant import Plant
+
+Floats = NDArray[np.float64]
+
+QUANTITIES = ("speed", "position")
+
+
+@dataclass(frozen=True, eq=False)
+class JointLaw:
+    """A table as a plant has it.
+
+    Parameters
+    ----------
+    joint
+        Its place.
+    by_speed
+        Whether the torque depends on the speed, instead of the position.
+    knots, values
+        (k,) ascending speeds or positions, and the torques [N m or N].
+    branches
+        (k,) what is added to the values while the argument rises, and taken off while it falls.
+    turning
+        The rate of the argument below which its direction fades, so that rest has none.
+    """
+
+    joint: int
+    by_speed: bool
+    knots: Floats
+    values: Floats
+    branches: Floats
+    turning: float = 1.0
+
+
+def name_argument(mechanism: Mechanism, joint: int, quantity: str) -> str:
+    """What a table of this joint over its "speed" or "position" calls its argument, with the unit."""
+    unit = "m" if mechanism.is_slide[joint] else "rad"
+    return f"{quantity}_{unit}_s" if quantity == "speed" else f"{quantity}_{unit}"
+
+
+def make_tabulated_effect(mechanism: Mechanism, table: LawTable) -> Effect:
+    """The effect that puts a table into a plant; its place is a joint's name, its argument as of `name_argument`."""
+    joint, count = mechanism.joints.index(table.place), len(table.knots)
+    knots, values = np.array(table.knots), np.array(table.values)
+    law = JointLaw(joint, table.argument.startswith("speed"), knots, values, np.zeros(count))
+
+    def apply(plant: "Plant", values: Values) -> "Plant":  # noqa: ARG001
+        plant.laws = (*plant.laws, law)
+        return plant
+
+    return Effect(TABULATED_LAW, "joints", f"a law of {table.argument} in {table.place}", "tabulated", "measured", (), apply)
+
+
+def compute_own_law(plant: "Plant", joint: int, by_speed: bool, u: Floats) -> Floats | None:
+    """What a plant has already in a joint: (k,) torques at speeds or positions `u` (k,), with all else at the model's reference.
+
+    Friction that depends on the load is no function of the speed and not in it. None where the plant has nothing there.
+    """
+    import mujoco  # noqa: PLC0415  (optional)
+
+    data = mujoco.MjData(plant.model)
+    found = np.empty(len(u))
+    state = data.qvel if by_speed else data.qpos
+    for place, value in enumerate(u):
+        state[joint] = value
+        mujoco.mj_forward(plant.model, data)
+        found[place] = -(data.qfrc_damper if by_speed else data.qfrc_spring)[joint]
+    if by_speed:
+        steady, rise, falls = plant.stribeck[:, joint]
+        dry = plant.friction[joint] + steady * (1.0 + rise * np.exp(-np.abs(u) / falls)) + plant.hysteresis[0, joint]
+        found = found + dry * np.sign(u)
+    return found if found.any() else None
+
+
+def pack_laws(laws: tuple[JointLaw, ...]) -> tuple[Floats, Floats]:
+    """The laws as the compiled loop reads them: (m, 4) joint, by speed, number of knots, turning; (m, 3, k) knots, values, branches."""
+    rows = np.zeros((len(laws), 3, max((len(law.knots) for law in laws), default=0)))
+    for place, law in enumerate(laws):
+        rows[place, :, : len(law.knots)] = law.knots, law.values, law.branches
+    return np.array([[law.joint, law.by_speed, len(law.knots), law.turning] for law in laws], dtype=float).reshape(-1, 4), rows
