@@ -6,7 +6,7 @@ calls MuJoCo's step by its address, with the interpreter lock released.
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, cast
@@ -18,10 +18,12 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
+from rfca_rig.mechanism.gears import PARTS, SMOOTHED_S, add_deflection, deflection_at_start
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.compiled import compiled
 
 Floats = NDArray[np.float64]
+Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -89,11 +91,14 @@ def carry(
     friction: Floats,
     offset: Floats,
     bristle: Floats,
+    torque_speed: Floats,
+    joints: Places,
     h: float,
     path_q: Floats,
     path_w: Floats,
     sensordata: Floats,
     path_s: Floats,
+    path_torque: Floats,
 ) -> None:
     """Steps through `command` (k, u) and notes positions and speeds before each step and after the last, (k + 1, n).
 
@@ -102,6 +107,10 @@ def carry(
     `friction` (7, n): dry friction, Stribeck friction, its rise and its speed, the share of the load that is lost, Dahl's friction and the
     angle over which it builds up. `offset` (n,) are steady torques, `bristle` (n,) the state of Dahl's friction. The arrays from `q` to
     `frictionloss` are MuJoCo's own.
+
+    `torque_speed` (2, u) or (2, 0): the largest command at rest, and the share of it that each unit of speed of the actuator's joint,
+    `joints` (u,), takes away; the second is negative where the gear turns the other way round. `path_torque` (k, n) or (k, 0): the torques
+    of the actuators in each step.
     """
     for k in range(command.shape[0]):
         for i in range(q.size):
@@ -116,9 +125,14 @@ def carry(
                 bristle[i] = after
         for j in range(ctrl.size):
             ctrl[j] = command[k, j]
+        for j in range(torque_speed.shape[1]):
+            lost = torque_speed[1, j] * w[joints[j]]
+            ctrl[j] = min(max(ctrl[j], -torque_speed[0, j] * max(0.0, 1.0 + lost)), torque_speed[0, j] * max(0.0, 1.0 - lost))
         call_step(step, model, data)
         for i in range(path_s.shape[1]):
             path_s[k, i] = sensordata[i]
+        for i in range(path_torque.shape[1]):
+            path_torque[k, i] = by_actuators[i]
     for i in range(q.size):
         path_q[-1, i], path_w[-1, i] = q[i], w[i]
 
@@ -164,14 +178,24 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     mujoco.mj_forward(model, data)  # the first step's friction asks for the actuators' torques
     path_q, path_w = np.empty((steps + 1, model.nv)), np.empty((steps + 1, model.nv))
     path_s = np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0))
+    if plant.has_yielding_gears:  # the start was read by the motors' encoders, too
+        around = CommandTrace(trace.t_s + SMOOTHED_S, trace.command)
+        coarse = replace(plant, step_s=2.0 * SMOOTHED_S / PARTS)
+        ahead, rate = deflection_at_start(plant, data, _commands(coarse, around, PARTS, since_s - SMOOTHED_S))
+        data.qpos[:], data.qvel[:], data.ctrl[:] = data.qpos - ahead, data.qvel - rate, commands[0]
+        mujoco.mj_forward(model, data)
+    path_torque = np.empty((steps, model.nv if plant.has_yielding_gears else 0))
     friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss, plant.hysteresis])
     carry(
         _step_address(), model._address, data._address,
         data.qpos, data.qvel, data.ctrl, data.qfrc_actuator, data.qfrc_applied, model.dof_frictionloss,
-        commands, friction, plant.torque_offset, np.zeros(model.nv), h, path_q, path_w, data.sensordata, path_s,
+        commands, friction, plant.torque_offset, np.zeros(model.nv), *_torque_speed(plant),
+        h, path_q, path_w, data.sensordata, path_s, path_torque,
     )  # fmt: skip
     if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
         raise SimulationFailed(f"the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
+    if plant.has_yielding_gears:
+        add_deflection(plant, path_torque, path_q, path_w)
     read_w = path_w
     if plant.speed_lag_s > 0.0:
         read_w = path_w.copy()
@@ -185,6 +209,15 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     return Motion(position, read_w[place] + x * (read_w[place + 1] - read_w[place]), _read_sensors(plant, path_s, t_s, since_s))
 
 
+def _torque_speed(plant: Plant) -> tuple[Floats, Places]:
+    """What `carry` takes of the lines of torque over speed, nothing where no line falls; factors on the commands apply to them, too."""
+    stall, share = plant.torque_speed
+    if not share.any():
+        return np.empty((2, 0)), np.empty(0, dtype=np.intp)
+    lines = np.vstack([stall * np.abs(plant.command_gain), share * np.sign(plant.model.actuator_gear[:, 0])])
+    return lines, plant.model.actuator_trnid[:, 0].astype(np.intp)
+
+
 def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Floats:
     """The sensors' values at these times, after their lag, delay, gain and offset; before the start they stand still."""
     if path.shape[1] == 0:
@@ -194,11 +227,13 @@ def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Fl
         lag(path, 1.0 - float(np.exp(-h / plant.sensor_lag_s)))
     times = np.arange(len(path)) * h
     read = np.column_stack([np.interp(t_s - plant.sensor_delay_s, times, values) for values in path.T])
+    if plant.sensor_crosstalk.any():
+        read = read + read @ plant.sensor_crosstalk.T
     drift = (since_s + t_s)[:, None] * plant.sensor_drift_per_s
     return np.asarray(read * plant.sensor_gain + plant.sensor_offset + drift)
 
 
-def _between(path_q: Floats, path_w: Floats, place: NDArray[np.intp], x: Floats, h: float) -> Floats:
+def _between(path_q: Floats, path_w: Floats, place: Places, x: Floats, h: float) -> Floats:
     """The cubic through both ends of a step with their speeds, at the share `x` (k, 1) of the steps at `place`."""
     rise = path_q[place + 1] - path_q[place]
     bend = (1.0 - x) * (h * path_w[place] - rise) + x * (rise - h * path_w[place + 1])
