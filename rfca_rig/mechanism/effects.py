@@ -29,7 +29,7 @@ from rfca_rig.model.effect import Effect, Parameter, Values
 Floats = NDArray[np.float64]
 
 MOST_DEFLECTION = 0.3  # of a gear, as a share of the usual travel: with more, a controller would hardly be stable
-TAKEN_UP_BY = 0.05  # share of the usual torque that takes up the play of a gear
+LEAST_ROTOR = 0.02  # share of the usual inertia that a rotor has at least, which crosses the play of its gear
 FALLS_BY = 0.02  # least share of the largest command that is lost at usual speed: the usual error of torques at three times that speed
 FAR = 1e6  # rad or m: the end of a range that has none
 
@@ -98,13 +98,13 @@ def _laws_of_gears(mechanism: Mechanism, usual: UsualMotion, driven: tuple[int, 
 
     def add_play(plant: Plant, joint: int, value: float) -> None:
         plant.gear_play[0, joint] += value
-        plant.gear_play[1, joint] = TAKEN_UP_BY * usual.torque[joint]
+        plant.gear_play[1, joint] = LEAST_ROTOR * usual.inertia[joint]
 
     yield PlaceLaw("gear_compliance", "elastic gears, with encoders on the motors' side", "q_read = q + c tau, tau transmitted by the gear",
                    "Spong 1987, quasi-static", "compliance", units("rad_per_Nm", "m_per_N"), joints, driven,
                    SMALLEST * travel / torque, MOST_DEFLECTION * travel / torque, add_compliance)  # fmt: skip
     yield PlaceLaw("gear_backlash", "play of the gears, with encoders on the motors' side",
-                   "q_read = q + (b / 2) tanh(tau / tau_b), tau_b a share of the usual torque", "Nordin and Gutman 2002, quasi-static",
+                   "q_read = q + z, I z'' = tau within the play, |z| <= b / 2, I of the rotor", "Nordin and Gutman 2002",
                    "play", units("rad", "m"), joints, driven, SMALLEST * travel, MOST_DEFLECTION * travel, add_play)  # fmt: skip
 
 

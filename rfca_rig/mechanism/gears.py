@@ -1,11 +1,13 @@
 """Gears that yield: what an encoder on the motor's side reads beyond the position of its joint.
 
-    q_read = q + c tau + (b / 2) tanh(tau / tau_b)
+    q_read = q + c tau + z,    I z'' = tau within the play, abs(z) <= b / 2
 
 `tau` is the torque that the gear transmits: that of the actuator less what accelerates the rotor, which is the joint's `armature`. Friction
-acts on the joint's side. The compliance `c` and the play `b` are small beside the travel. The law is quasi-static: it leaves out the
-rotor's motion against the joint, which is a share of about (f / f_r)^2 of the deflection at the frequency f, with the rotor's resonance
-f_r = 1 / (2 pi sqrt(I c)). A real gear crosses its play in about (6 b I / tau')^(1/3), where tau' is the rate of the torque.
+acts on the joint's side. The joint moves as with a rigid gear of the compliance `c` and the play `b`, both small beside the travel.
+
+The elastic part is quasi-static: it leaves out the rotor's motion against the joint, a share of about (f / f_r)^2 of the deflection at the
+frequency f, with the rotor's resonance f_r = 1 / (2 pi sqrt(I c)). Play is not quasi-static: a rotor of 0.06 kg m2 takes 80 ms to cross
+0.03 rad where a controller turns its torque round. So its inertia `I` carries it across, and its teeth do not bounce.
 
 References
 ----------
@@ -13,43 +15,73 @@ Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 
 Nordin and Gutman, Controlling mechanical systems with backlash, a survey, Automatica 38 (2002) 1633.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.mechanism.plant import Plant
+from rfca_rig.model.compiled import compiled
 
 Floats = NDArray[np.float64]
 
 # To either side of a start over which its state is smoothed, and the degree of the polynomial: as the diagnosis estimates recorded states.
 SMOOTHED_S, DEGREE = 0.06, 5
-PARTS = 12  # of that time in which commands count by their means; with 24 a deflection at a start changes by less than 2 %
+PARTS = 12  # of that time in which commands count by their means: twice as many as the polynomial has coefficients
+FINER = 5  # steps of a rotor within a part
 
 
-def deflect(plant: Plant, torque: Floats) -> Floats:
-    """How far the motors (k, n) are ahead of their joints that take these torques."""
-    play, taken_up_by = plant.gear_play
-    return np.asarray(plant.gear_compliance * torque + 0.5 * play * np.tanh(torque / taken_up_by))
+@dataclass(frozen=True)
+class GearStart:
+    """How far the motors are ahead at a start and how fast that grows, as smoothed readings show it, and both of the rotors in their play;
+    each (n,).
+    """
+
+    ahead: Floats
+    rate: Floats
+    lead: Floats
+    lead_rate: Floats
 
 
-def add_deflection(plant: Plant, by_actuators: Floats, path_q: Floats, path_w: Floats) -> None:
+@compiled
+def cross_play(torque: Floats, play: Floats, inertia: Floats, h: float, lead: Floats, rate: Floats, leads: Floats, rates: Floats) -> None:
+    """Carries rotors across their play under torques (k, n); `lead` and `rate` (n,) go on, `leads` and `rates` (k, n) are those after."""
+    for k in range(torque.shape[0]):
+        for i in range(torque.shape[1]):
+            rate[i] += h * torque[k, i] / inertia[i]
+            lead[i] += h * rate[i]
+            if abs(lead[i]) >= 0.5 * play[i]:
+                lead[i] = 0.5 * play[i] if lead[i] > 0.0 else -0.5 * play[i]
+                rate[i] = 0.0
+            leads[k, i], rates[k, i] = lead[i], rate[i]
+
+
+def _cross(plant: Plant, torque: Floats, h: float, lead: Floats, rate: Floats) -> tuple[Floats, Floats]:
+    play, least = plant.gear_play
+    leads, rates = np.empty_like(torque), np.empty_like(torque)
+    cross_play(torque, play, np.maximum(plant.model.dof_armature, least), h, lead, rate, leads, rates)
+    return leads, rates
+
+
+def add_deflection(plant: Plant, start: GearStart, by_actuators: Floats, path_q: Floats, path_w: Floats) -> None:
     """Turns positions and speeds of the joints (k + 1, n), before each step and after the last, into those of the motors.
 
     `by_actuators` (k, n) are the actuators' torques in the steps.
     """
     h = plant.step_s
-    within = deflect(plant, by_actuators - plant.model.dof_armature * np.diff(path_w, axis=0) / h)
-    path_q[0] += within[0]
-    path_q[1:-1] += 0.5 * (within[1:] + within[:-1])
-    path_q[-1] += within[-1]
-    if len(within) > 1:
-        rate = np.diff(within, axis=0) / h
-        path_w += np.vstack([rate[:1], rate, rate[-1:]])
+    torque = by_actuators - plant.model.dof_armature * np.diff(path_w, axis=0) / h
+    leads, rates = _cross(plant, torque, h, start.lead.copy(), start.lead_rate.copy())
+    bend = plant.gear_compliance * torque
+    path_q += np.vstack([start.lead, leads]) + np.vstack([bend[:1], 0.5 * (bend[1:] + bend[:-1]), bend[-1:]])
+    path_w += np.vstack([start.lead_rate, rates])
+    if len(bend) > 1:
+        grows = np.diff(bend, axis=0) / h
+        path_w += np.vstack([grows[:1], grows, grows[-1:]])
 
 
-def deflection_at_start(plant: Plant, data: Any, commands: Floats) -> tuple[Floats, Floats]:
-    """How far the motors are ahead at the start and how fast that grows, (n,) each, smoothed as the start's state is.
+def estimate_gear_start(plant: Plant, data: Any, commands: Floats) -> GearStart:
+    """The gears at the start of a motion.
 
     Parameters
     ----------
@@ -70,6 +102,10 @@ def deflection_at_start(plant: Plant, data: Any, commands: Floats) -> tuple[Floa
         data.qvel[:], data.ctrl[:] = speed + acceleration * t, commands[part]
         mujoco.mj_forward(plant.model, data)
         torque[part] = data.qfrc_actuator - plant.model.dof_armature * data.qacc
-    polynomial = np.polynomial.polynomial.polyfit(times / SMOOTHED_S, deflect(plant, torque), DEGREE)
     data.qpos[:], data.qvel[:] = position, speed
-    return polynomial[0], polynomial[1] / SMOOTHED_S
+    lead, rate = 0.5 * plant.gear_play[0] * np.sign(torque[0]), np.zeros(len(position))
+    leads, rates = _cross(plant, np.repeat(torque, FINER, axis=0), 2.0 * SMOOTHED_S / PARTS / FINER, lead, rate)
+    ahead = plant.gear_compliance * torque + leads.reshape(PARTS, FINER, -1).mean(axis=1)
+    polynomial = np.polynomial.polynomial.polyfit(times / SMOOTHED_S, ahead, DEGREE)
+    at_start = PARTS // 2 * FINER - 1
+    return GearStart(polynomial[0], polynomial[1] / SMOOTHED_S, leads[at_start], rates[at_start])

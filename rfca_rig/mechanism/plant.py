@@ -36,7 +36,7 @@ class Plant:
     gear_compliance
         (n,) what the gear of each joint yields per torque that it transmits [rad/(N m) or m/N]; 0 is rigid.
     gear_play
-        (2, n) play of each gear [rad or m], and the torque that takes it up.
+        (2, n) play of each gear [rad or m], and the least inertia of the rotor that crosses it.
     torque_offset, zero_offset
         (n,) steady torque in each joint, and what each position is read too large.
     command_gain, command_limit, command_dead_band

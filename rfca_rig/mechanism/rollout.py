@@ -18,7 +18,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.mechanism.gears import PARTS, SMOOTHED_S, add_deflection, deflection_at_start
+from rfca_rig.mechanism.gears import PARTS, SMOOTHED_S, add_deflection, estimate_gear_start
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.compiled import compiled
 
@@ -178,13 +178,14 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     mujoco.mj_forward(model, data)  # the first step's friction asks for the actuators' torques
     path_q, path_w = np.empty((steps + 1, model.nv)), np.empty((steps + 1, model.nv))
     path_s = np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0))
+    gears = None
     if plant.has_yielding_gears:  # the start was read by the motors' encoders, too
         around = CommandTrace(trace.t_s + SMOOTHED_S, trace.command)
         coarse = replace(plant, step_s=2.0 * SMOOTHED_S / PARTS)
-        ahead, rate = deflection_at_start(plant, data, _commands(coarse, around, PARTS, since_s - SMOOTHED_S))
-        data.qpos[:], data.qvel[:], data.ctrl[:] = data.qpos - ahead, data.qvel - rate, commands[0]
+        gears = estimate_gear_start(plant, data, _commands(coarse, around, PARTS, since_s - SMOOTHED_S))
+        data.qpos[:], data.qvel[:], data.ctrl[:] = data.qpos - gears.ahead, data.qvel - gears.rate, commands[0]
         mujoco.mj_forward(model, data)
-    path_torque = np.empty((steps, model.nv if plant.has_yielding_gears else 0))
+    path_torque = np.empty((steps, 0 if gears is None else model.nv))
     friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss, plant.hysteresis])
     carry(
         _step_address(), model._address, data._address,
@@ -194,8 +195,8 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     )  # fmt: skip
     if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
         raise SimulationFailed(f"the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
-    if plant.has_yielding_gears:
-        add_deflection(plant, path_torque, path_q, path_w)
+    if gears is not None:
+        add_deflection(plant, gears, path_torque, path_q, path_w)
     read_w = path_w
     if plant.speed_lag_s > 0.0:
         read_w = path_w.copy()
