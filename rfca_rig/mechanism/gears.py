@@ -45,8 +45,8 @@ class GearStart:
 
 
 @compiled
-def cross_play(torque: Floats, play: Floats, inertia: Floats, h: float, lead: Floats, rate: Floats, leads: Floats, rates: Floats) -> None:
-    """Carries rotors across their play under torques (k, n); `lead` and `rate` (n,) go on, `leads` and `rates` (k, n) are those after."""
+def cross_play(torque: Floats, play: Floats, inertia: Floats, h: float, lead: Floats, rate: Floats, leads: Floats) -> None:
+    """Carries rotors across their play under torques (k, n); `lead` and `rate` (n,) go on, `leads` (k, n) are those after each step."""
     for k in range(torque.shape[0]):
         for i in range(torque.shape[1]):
             rate[i] += h * torque[k, i] / inertia[i]
@@ -54,30 +54,32 @@ def cross_play(torque: Floats, play: Floats, inertia: Floats, h: float, lead: Fl
             if abs(lead[i]) >= 0.5 * play[i]:
                 lead[i] = 0.5 * play[i] if lead[i] > 0.0 else -0.5 * play[i]
                 rate[i] = 0.0
-            leads[k, i], rates[k, i] = lead[i], rate[i]
+            leads[k, i] = lead[i]
 
 
-def _cross(plant: Plant, torque: Floats, h: float, lead: Floats, rate: Floats) -> tuple[Floats, Floats]:
+def _cross(plant: Plant, torque: Floats, h: float, lead: Floats, rate: Floats) -> Floats:
     play, least = plant.gear_play
-    leads, rates = np.empty_like(torque), np.empty_like(torque)
-    cross_play(torque, play, np.maximum(plant.model.dof_armature, least), h, lead, rate, leads, rates)
-    return leads, rates
+    leads = np.empty_like(torque)
+    cross_play(torque, play, np.maximum(plant.model.dof_armature, least), h, lead, rate, leads)
+    return leads
 
 
-def add_deflection(plant: Plant, start: GearStart, by_actuators: Floats, path_q: Floats, path_w: Floats) -> None:
+def add_deflection(plant: Plant, start: GearStart, by_actuators: Floats, path_q: Floats, path_w: Floats, sample_s: float) -> None:
     """Turns positions and speeds of the joints (k + 1, n), before each step and after the last, into those of the motors.
 
-    `by_actuators` (k, n) are the actuators' torques in the steps.
+    `by_actuators` (k, n) are the actuators' torques in the steps. Recorded commands are steps of a sample, so speeds are differences over a
+    sample at least.
     """
     h = plant.step_s
     torque = by_actuators - plant.model.dof_armature * np.diff(path_w, axis=0) / h
-    leads, rates = _cross(plant, torque, h, start.lead.copy(), start.lead_rate.copy())
     bend = plant.gear_compliance * torque
-    path_q += np.vstack([start.lead, leads]) + np.vstack([bend[:1], 0.5 * (bend[1:] + bend[:-1]), bend[-1:]])
-    path_w += np.vstack([start.lead_rate, rates])
-    if len(bend) > 1:
-        grows = np.diff(bend, axis=0) / h
-        path_w += np.vstack([grows[:1], grows, grows[-1:]])
+    ahead = np.vstack([start.lead, _cross(plant, torque, h, start.lead.copy(), start.lead_rate.copy())])
+    around = np.pad(bend, ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")  # goes on straight
+    ahead += 0.5 * (around[1:] + around[:-1])
+    over = min(max(1, round(0.5 * sample_s / h)), len(bend))
+    beyond = np.pad(ahead, ((over, over), (0, 0)), mode="reflect", reflect_type="odd")
+    path_q += ahead
+    path_w += (beyond[2 * over :] - beyond[: -2 * over]) / (2.0 * over * h)
 
 
 def estimate_gear_start(plant: Plant, data: Any, commands: Floats) -> GearStart:
@@ -104,8 +106,10 @@ def estimate_gear_start(plant: Plant, data: Any, commands: Floats) -> GearStart:
         torque[part] = data.qfrc_actuator - plant.model.dof_armature * data.qacc
     data.qpos[:], data.qvel[:] = position, speed
     lead, rate = 0.5 * plant.gear_play[0] * np.sign(torque[0]), np.zeros(len(position))
-    leads, rates = _cross(plant, np.repeat(torque, FINER, axis=0), 2.0 * SMOOTHED_S / PARTS / FINER, lead, rate)
+    fine, h = np.repeat(torque, FINER, axis=0), 2.0 * SMOOTHED_S / PARTS / FINER
+    before = _cross(plant, fine[: len(fine) // 2], h, lead, rate)
+    lead_at_start, rate_at_start = lead.copy(), rate.copy()
+    leads = np.vstack([before, _cross(plant, fine[len(fine) // 2 :], h, lead, rate)])
     ahead = plant.gear_compliance * torque + leads.reshape(PARTS, FINER, -1).mean(axis=1)
     polynomial = np.polynomial.polynomial.polyfit(times / SMOOTHED_S, ahead, DEGREE)
-    at_start = PARTS // 2 * FINER - 1
-    return GearStart(polynomial[0], polynomial[1] / SMOOTHED_S, leads[at_start], rates[at_start])
+    return GearStart(polynomial[0], polynomial[1] / SMOOTHED_S, lead_at_start, rate_at_start)

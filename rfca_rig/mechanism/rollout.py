@@ -196,7 +196,7 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
         raise SimulationFailed(f"the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
     if gears is not None:
-        add_deflection(plant, gears, path_torque, path_q, path_w)
+        add_deflection(plant, gears, path_torque, path_q, path_w, float(t_s[-1]) / len(t_s))
     read_w = path_w
     if plant.speed_lag_s > 0.0:
         read_w = path_w.copy()
