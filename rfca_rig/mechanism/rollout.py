@@ -170,7 +170,9 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
 
     model, h = plant.model, plant.step_s
     data = mujoco.MjData(model)
-    steps = int(np.ceil(t_s[-1] / h - 1e-9))
+    sample_s = float(t_s[-1]) / len(t_s)
+    beyond_s = sample_s if plant.has_yielding_gears else 0.0  # the speed of a deflection at the end
+    steps = int(np.ceil((t_s[-1] + beyond_s) / h - 1e-9))
     data.qpos[:], data.qvel[:] = position - plant.zero_offset, speed
     data.qfrc_applied[:] = plant.torque_offset
     commands = _commands(plant, trace, steps, since_s)
@@ -196,7 +198,7 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
         raise SimulationFailed(f"the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
     if gears is not None:
-        add_deflection(plant, gears, path_torque, path_q, path_w, float(t_s[-1]) / len(t_s))
+        add_deflection(plant, gears, path_torque, path_q, path_w, sample_s)
     read_w = path_w
     if plant.speed_lag_s > 0.0:
         read_w = path_w.copy()
