@@ -36,6 +36,10 @@ MECHANISM_EFFECTS = (
     "joint_hysteresis",
     "joint_load_friction",
     "joint_load_friction_of_one",
+    "gear_compliance",
+    "gear_compliance_of_one",
+    "gear_backlash",
+    "gear_backlash_of_one",
     "joint_damping",
     "joint_damping_of_one",
     "joint_drag",
@@ -51,10 +55,12 @@ MECHANISM_EFFECTS = (
     "torque_lag",
     "torque_saturation",
     "torque_dead_band",
+    "torque_falls_with_speed",
     "clock_rate",
     "speed_lag",
     "sensor_gain",
     "sensor_gain_of_one",
+    "sensor_crosstalk",
     "sensor_drift",
     "sensor_lag",
     "clock_offset",
@@ -63,6 +69,7 @@ MECHANISM_EFFECTS = (
     "contact_friction",
     "gravity_tilt",
     "added_mass",
+    "centre_of_mass",
 )
 PHASES = ("rest", "free", "touchdown", "loading", "release", "rebound")
 RUN_KINDS, SOURCES = entry.KINDS, entry.SOURCES

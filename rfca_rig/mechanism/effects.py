@@ -5,11 +5,12 @@ readings. A law that may act in one joint alone comes as two effects: in all joi
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.mechanism.inverse_dynamics import torque_motors
+from rfca_rig.mechanism.laws import JOINTS, LARGEST, SMALLEST, PlaceLaw, expand_law, join_name, joint_units
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import (
     Change,
@@ -19,37 +20,20 @@ from rfca_rig.mechanism.plant import (
     scale_contact_damping,
     scale_contact_friction,
     scale_contact_stiffness,
+    shift_centre,
 )
+from rfca_rig.mechanism.sensor_effects import list_sensor_effects
 from rfca_rig.mechanism.usual_motion import UsualMotion
 from rfca_rig.model.effect import Effect, Parameter, Values
 
 Floats = NDArray[np.float64]
 
-JOINTS = "joints"
-# Shares of what is usual on the rig. Below the first an effect is lost in the usual model error of 1 %; with more than the second the joint
-# would hardly move. With a tenth and ten times these bounds the log evidence of friction of a pendulum changes by less than 1.
-SMALLEST, LARGEST = 0.002, 0.8
-DRIFTS_BY = 0.3  # of a sensor's rms, per second: a larger drift is seen without a model
+MOST_DEFLECTION = 0.3  # of a gear, as a share of the usual travel: with more, a controller would hardly be stable
+# Share of the usual inertia that a rotor has at least, which crosses the play of its gear. With 0.005 and 0.02 rotors of 0.06, 0.02 and
+# 0.004 kg m2 are followed alike; with 0.1 the error doubles in the joint of the lightest one, for a play of 0.03 rad.
+LEAST_ROTOR = 0.02
+FALLS_BY = 0.02  # least share of the largest command that is lost at usual speed: less limits next to no recorded command
 FAR = 1e6  # rad or m: the end of a range that has none
-
-
-@dataclass(frozen=True)
-class _Law:
-    """A law with one size per joint (or actuator): `low` and `high` (k,) are its plausible range, `change` puts it into a plant."""
-
-    id: str
-    left_out: str
-    law: str
-    source: str
-    quantity: str
-    units: tuple[str, ...]
-    objects: tuple[str, ...]
-    places: tuple[int, ...]
-    low: Floats
-    high: Floats
-    change: Change
-    noun: str = "joint"
-    variant_of: str = ""
 
 
 def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
@@ -64,19 +48,19 @@ def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
     """
     found: list[Effect] = []
     for law in _laws(mechanism, usual):
-        found += _in_all_and_in_one(law)
+        found += expand_law(law)
     found += [*_stribeck(mechanism, usual), *_hysteresis(mechanism, usual), *_stop(mechanism, usual)]
-    return [*found, *_of_commands(usual), *_of_sensors(mechanism, usual), *_of_contacts(mechanism), *_of_rig(mechanism)]
+    return [*found, *_of_commands(mechanism, usual), *list_sensor_effects(mechanism, usual), *_of_contacts(mechanism), *_of_rig(mechanism)]
 
 
-def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[_Law]:
+def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
     joints, everywhere = mechanism.joints, tuple(range(len(mechanism.joints)))
 
     def per_joint(
         id_: str, words: str, law: str, quantity: str, units: tuple[str, str], size: Floats, change: Change, of: str = ""
-    ) -> _Law:
-        names, low, high = _units(mechanism, *units), SMALLEST * size, LARGEST * size
-        return _Law(id_, words, law, "MuJoCo, XML reference", quantity, names, joints, everywhere, low, high, change, variant_of=of)
+    ) -> PlaceLaw:
+        names, low, high = joint_units(mechanism, *units), SMALLEST * size, LARGEST * size
+        return PlaceLaw(id_, words, law, "MuJoCo, XML reference", quantity, names, joints, everywhere, low, high, change, variant_of=of)
 
     torque, speed = usual.torque, usual.speed
     yield per_joint("joint_friction", "dry friction of the joints and their gears", "T = T_c sgn(w)", "torque", ("Nm", "N"),
@@ -92,14 +76,38 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[_Law]:
     driven = tuple(int(joint) for joint in np.flatnonzero(mechanism.driven))
     if usual.is_driven and driven:
         ones = np.ones(len(driven))
-        yield _Law("joint_load_friction", "friction of the gears that grows with the torque they transmit", "T = loss |tau| sgn(w)",
+        yield PlaceLaw("joint_load_friction", "friction of the gears that grows with the torque they transmit", "T = loss |tau| sgn(w)",
                    "Hamon, Gautier and Garrec, IROS 2010", "loss", ("relative",) * len(driven), tuple(joints[j] for j in driven), driven,
                    0.01 * ones, 0.6 * ones, _add_load_loss)  # fmt: skip
+        yield from _laws_of_gears(mechanism, usual, driven)
         shown = tuple(int(place) for place in np.flatnonzero(usual.command > 0.0))
         actuators = tuple(mechanism.actuators[place] for place in shown)
         ones = np.ones(len(shown))
-        yield _Law("torque_scale", "scale of the recorded commands wrong", "tau = factor tau_recorded", "torque constant of the motors",
+        yield PlaceLaw("torque_scale", "scale of the recorded commands wrong", "tau = factor tau_recorded", "torque constant of the motors",
                    "factor", ("",) * len(shown), actuators, shown, 0.3 * ones, 3.0 * ones, _scale_command, "actuator")  # fmt: skip
+
+
+def _laws_of_gears(mechanism: Mechanism, usual: UsualMotion, driven: tuple[int, ...]) -> Iterator[PlaceLaw]:
+    """What yields between encoders on the motors' side and the joints; their smallest deflection is a share of the usual travel."""
+    joints, at = tuple(mechanism.joints[joint] for joint in driven), list(driven)
+    travel, torque = usual.travel[at], usual.torque[at]
+
+    def units(of_hinge: str, of_slide: str) -> tuple[str, ...]:
+        return tuple(np.array(joint_units(mechanism, of_hinge, of_slide))[at].tolist())
+
+    def add_compliance(plant: Plant, joint: int, value: float) -> None:
+        plant.gear_compliance[joint] += value
+
+    def add_play(plant: Plant, joint: int, value: float) -> None:
+        plant.gear_play[0, joint] += value
+        plant.gear_play[1, joint] = LEAST_ROTOR * usual.inertia[joint]
+
+    yield PlaceLaw("gear_compliance", "elastic gears, with encoders on the motors' side", "q_read = q + c tau, tau transmitted by the gear",
+                   "Spong 1987, quasi-static", "compliance", units("rad_per_Nm", "m_per_N"), joints, driven,
+                   SMALLEST * travel / torque, MOST_DEFLECTION * travel / torque, add_compliance)  # fmt: skip
+    yield PlaceLaw("gear_backlash", "play of the gears, with encoders on the motors' side",
+                   "q_read = q + z, I z'' = tau within the play, |z| <= b / 2, I of the rotor", "Nordin and Gutman 2002",
+                   "play", units("rad", "m"), joints, driven, SMALLEST * travel, MOST_DEFLECTION * travel, add_play)  # fmt: skip
 
 
 def _add_load_loss(plant: Plant, joint: int, value: float) -> None:
@@ -110,44 +118,10 @@ def _scale_command(plant: Plant, actuator: int, value: float) -> None:
     plant.command_gain[actuator] *= value
 
 
-def _units(mechanism: Mechanism, of_hinge: str, of_slide: str) -> tuple[str, ...]:
-    """What ends the name of a size of each joint."""
-    return tuple(of_slide if slides else of_hinge for slides in mechanism.is_slide)
-
-
-def _name(*parts: str) -> str:
-    return "_".join(part for part in parts if part)
-
-
-def _in_all_and_in_one(law: _Law) -> Iterator[Effect]:
-    """The law in all its joints, and where there are several in one of them."""
-    places, many = law.places, len(law.places) > 1
-    names = [_name(one if many else "", law.quantity, unit) for one, unit in zip(law.objects, law.units, strict=True)]
-
-    def in_all(plant: Plant, values: Values) -> Plant:
-        for place, name in zip(places, names, strict=True):
-            law.change(plant, place, values[name])
-        return plant
-
-    parameters = tuple(Parameter(n, float(a), float(b), may_be_zero=False) for n, a, b in zip(names, law.low, law.high, strict=True))
-    yield Effect(law.id, JOINTS, law.left_out, law.law, law.source, parameters, in_all, variant_of=law.variant_of)
-    if many:
-        size = _name(law.quantity, law.units[0] if len(set(law.units)) == 1 else "SI")
-
-        def in_one(plant: Plant, values: Values) -> Plant:
-            law.change(plant, places[int(values[law.noun]) - 1], values[size])
-            return plant
-
-        counted = Parameter(law.noun, 1.0, float(len(places)), may_be_zero=False, whole=True)
-        sized = Parameter(size, float(law.low.min()), float(law.high.max()), may_be_zero=False)
-        words = f"{law.left_out}, of one {law.noun}"
-        yield Effect(f"{law.id}_of_one", JOINTS, words, law.law, law.source, (counted, sized), in_one, variant_of=law.variant_of or law.id)
-
-
 def _torques(mechanism: Mechanism, usual: UsualMotion) -> list[Parameter]:
     """A torque of each joint."""
-    joints, units = mechanism.joints, _units(mechanism, "Nm", "N")
-    names = [_name(joint if len(joints) > 1 else "", "torque", unit) for joint, unit in zip(joints, units, strict=True)]
+    joints, units = mechanism.joints, joint_units(mechanism, "Nm", "N")
+    names = [join_name(joint if len(joints) > 1 else "", "torque", unit) for joint, unit in zip(joints, units, strict=True)]
     low, high = SMALLEST * usual.torque, LARGEST * usual.torque
     return [Parameter(name, float(a), float(b), may_be_zero=False) for name, a, b in zip(names, low, high, strict=True)]
 
@@ -205,7 +179,7 @@ def _stop(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
                      "MuJoCo, XML reference", (counted, share), apply)  # fmt: skip
 
 
-def _of_commands(usual: UsualMotion) -> Iterator[Effect]:
+def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     def delay(plant: Plant, values: Values) -> Plant:
         plant.command_delay_s += values["delay_s"]
         return plant
@@ -220,6 +194,11 @@ def _of_commands(usual: UsualMotion) -> Iterator[Effect]:
 
     def ignore_small(plant: Plant, values: Values) -> Plant:
         plant.command_dead_band = values["band_relative"] * usual.command
+        return plant
+
+    def fall(plant: Plant, values: Values) -> Plant:
+        plant.torque_speed[0, motors] = usual.command[motors]
+        plant.torque_speed[1, motors] = values["fall_relative"] / usual.speed[joints]
         return plant
 
     def drift(plant: Plant, values: Values) -> Plant:
@@ -242,58 +221,18 @@ def _of_commands(usual: UsualMotion) -> Iterator[Effect]:
         yield Effect("torque_dead_band", "commands", "the actuators ignore small commands",
                      "u = sgn(u_r) max(|u_r| - band, 0), the band a share of the largest recorded command u_r", "dead band of a drive",
                      (Parameter("band_relative", 0.005, 0.3, may_be_zero=False),), ignore_small)  # fmt: skip
+        motors = [place for place in torque_motors(mechanism) if usual.command[place] > 0.0]
+        joints = mechanism.model.actuator_trnid[motors, 0]
+        if motors:
+            yield Effect("torque_falls_with_speed", "commands", "the largest torque of the motors falls with speed",
+                         "|u| <= u_m (1 - fall |w| / w_u) where u drives, u_m the largest recorded command, w_u the usual speed",
+                         "torque-speed line of a DC motor at its supply voltage: Hughes and Drury, Electric Motors and Drives, ch. 3",
+                         (Parameter("fall_relative", FALLS_BY, LARGEST, may_be_zero=False),), fall)  # fmt: skip
         yield Effect("clock_rate", "commands", "the clocks of commands and readings run at different rates",
                      "u(t) = u_recorded(t - rate t)", "two clocks", (Parameter("rate_relative", -0.004, 0.004),), drift)  # fmt: skip
     if usual.has_speeds:
         yield Effect("speed_lag", "readings", "speeds are read later than the positions", "T y' = x - y for speeds alone",
                      "first-order low-pass", (late,), read_late)  # fmt: skip
-
-
-def _of_sensors(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
-    """What force sensors and the like do to their readings; positions of joints are the reference."""
-
-    def lag(plant: Plant, values: Values) -> Plant:
-        plant.sensor_lag_s = values["time_constant_s"]
-        return plant
-
-    def delay(plant: Plant, values: Values) -> Plant:
-        plant.sensor_delay_s += values["offset_s"]
-        return plant
-
-    if not usual.sensors:
-        return
-    names = tuple(usual.sensors)
-    places = tuple(mechanism.sensor_values[name][0] for name in names)
-    one = np.ones(len(places))
-    yield from _in_all_and_in_one(
-        _Law("sensor_gain", "scale of the sensors wrong", "y = factor x", "calibration", "factor", ("",) * len(places), names,
-             places, 0.5 * one, 2.0 * one, _scale_sensor, "sensor")
-    )  # fmt: skip
-    yield _sensor_drift(mechanism, usual)
-    yield Effect("sensor_lag", "readings", "the sensors are read later than the joints: a filter", "T y' = x - y", "first-order low-pass",
-                 (Parameter("time_constant_s", 0.002, 0.05, may_be_zero=False, below=0.1),), lag)  # fmt: skip
-    yield Effect("clock_offset", "readings", "the clocks of sensors and joints differ", "y(t) = x(t - offset)", "two clocks",
-                 (Parameter("offset_s", -0.04, 0.04, below=0.1),), delay)  # fmt: skip
-
-
-def _sensor_drift(mechanism: Mechanism, usual: UsualMotion) -> Effect:
-    rates = {}
-    for name, rms in usual.sensors.items():
-        place, unit = mechanism.sensor_values[name]
-        key = _name(name if len(usual.sensors) > 1 else "", "rate", unit.replace(" ", "").replace("/", "_"), "per_s")
-        rates[key] = place, DRIFTS_BY * max(rms, 1e-12)
-
-    def apply(plant: Plant, values: Values) -> Plant:
-        for key, (place, _) in rates.items():
-            plant.sensor_drift_per_s[place] += values[key]
-        return plant
-
-    parameters = tuple(Parameter(key, -largest, largest) for key, (_, largest) in rates.items())
-    return Effect("sensor_drift", "readings", "the zero of the sensors drifts with time", "y = x + rate t", "-", parameters, apply)
-
-
-def _scale_sensor(plant: Plant, place: int, value: float) -> None:
-    plant.sensor_gain[place] *= value
 
 
 def _of_contacts(mechanism: Mechanism) -> Iterator[Effect]:
@@ -337,6 +276,18 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
         plant.model.body_mass[body] += values["mass_kg"]
         return plant
 
+    def move(plant: Plant, values: Values) -> Plant:
+        shift_centre(plant, off_centre[int(values["body"]) - 1], values["shift_m"])
+        return plant
+
+    off_centre = [place for place in heavy if np.linalg.norm(model.body_ipos[place]) > 0.0]
+    if off_centre:
+        most = max(float(np.linalg.norm(model.body_ipos[place])) for place in off_centre)
+        body = Parameter("body", 1.0, float(len(off_centre)), may_be_zero=False, whole=True)
+        shift = Parameter("shift_m", -0.5 * most, 0.5 * most, starts=(-0.1 * most, 0.1 * most))
+        yield Effect("centre_of_mass", "bodies", "the centre of mass of a body is elsewhere",
+                     "its distance from the body's frame is larger by the shift, in the same direction", "-",
+                     (body, shift), move)  # fmt: skip
     total = float(sum(model.body_mass[place] for place in heavy))
     body = Parameter("body", 1.0, float(len(heavy)), may_be_zero=False, whole=True)
     mass = Parameter("mass_kg", SMALLEST * total, 3.0 * LARGEST * total, may_be_zero=False)

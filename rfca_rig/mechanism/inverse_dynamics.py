@@ -103,15 +103,20 @@ def balance_torques(mechanism: Mechanism, states: States) -> TorqueBalance:
     return TorqueBalance(inertial, other, by_actuator)
 
 
-def has_torque_motors(mechanism: Mechanism) -> bool:
-    """Whether every joint has one actuator of its own, whose torque is proportional to its command."""
+def torque_motors(mechanism: Mechanism) -> list[int]:
+    """The places of the actuators that act on a joint with a torque proportional to their command."""
     import mujoco  # noqa: PLC0415  (optional)
 
     model = mechanism.model
-    on_joints = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT).all()
-    own = sorted(model.actuator_trnid[:, 0]) == list(range(model.nv))
-    plain = (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED).all() and (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE).all()
-    return bool(on_joints and own and plain and (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE).all())
+    plain = (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED) & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
+    plain &= (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE)
+    return [int(place) for place in np.flatnonzero(plain)]
+
+
+def has_torque_motors(mechanism: Mechanism) -> bool:
+    """Whether every joint has one actuator of its own, whose torque is proportional to its command."""
+    model = mechanism.model
+    return len(torque_motors(mechanism)) == model.nu and sorted(model.actuator_trnid[:, 0]) == list(range(model.nv))
 
 
 def compute_feed_forward(plant: Plant, position: Floats, speed: Floats, acceleration: Floats) -> Floats:

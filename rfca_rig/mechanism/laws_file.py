@@ -293,20 +293,24 @@ def read_speeds(speed, step_s):
 
 
 def _sensors(plant: Plant) -> _Part:
+    pairs = np.argwhere(plant.sensor_crosstalk)
+    leaks = "".join(f"    leaks[{i}, {j}] = {plant.sensor_crosstalk[i, j]:.{DIGITS}g}\n" for i, j in pairs)
     return _Part(f'''
 def read_sensors(sensordata, step_s, since_s=0.0):
     """The readings of data.sensordata (k, d), one per step from time 0 on. Lag {plant.sensor_lag_s:.4g} s, delay
-    {plant.sensor_delay_s:.4g} s, factor, zero and drift of each value; the recording began `since_s` before time 0.
+    {plant.sensor_delay_s:.4g} s, crosstalk, factor, zero and drift of each value; the recording began `since_s` before time 0.
     """
     factor, zero = {_array(plant.sensor_gain)}, {_array(plant.sensor_offset)}
     drift_per_s = {_array(plant.sensor_drift_per_s)}
     lag_s, delay_s = {plant.sensor_lag_s:.{DIGITS}g}, {plant.sensor_delay_s:.{DIGITS}g}
-    read, t_s = np.array(sensordata, dtype=float), np.arange(len(sensordata)) * step_s
+    leaks = np.zeros(({len(plant.sensor_gain)}, {len(plant.sensor_gain)}))  # value i reads leaks[i, j] of value j
+{leaks}    read, t_s = np.array(sensordata, dtype=float), np.arange(len(sensordata)) * step_s
     if lag_s > 0.0:
         share = 1.0 - np.exp(-step_s / lag_s)
         for k in range(1, len(read)):
             read[k] = read[k - 1] + share * (read[k] - read[k - 1])
     read = np.column_stack([np.interp(t_s - delay_s, t_s, column) for column in read.T])
+    read = read + read @ leaks.T
     return read * factor + zero + (since_s + t_s)[:, None] * drift_per_s
 ''')  # fmt: skip
 
@@ -324,5 +328,6 @@ PARTS: dict[str, Callable[[Plant], _Part]] = {
     "delay, lag or clock of the commands": _commands,
     "lag of the speed readings": _speeds,
     "scales and zeros of the sensors": _sensors,
+    "crosstalk of the sensors": _sensors,
     "delay or lag of the sensors": _sensors,
 }

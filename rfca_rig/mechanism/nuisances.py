@@ -3,8 +3,6 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import (
     Change,
@@ -14,6 +12,7 @@ from rfca_rig.mechanism.plant import (
     scale_contact_damping,
     scale_contact_friction,
     scale_contact_stiffness,
+    shift_centre,
 )
 
 SENSORS = {"force sensors": "N", "torque sensors": "N m"}  # and their unit
@@ -67,11 +66,7 @@ def _inertia(plant: Plant, place: int, share: float) -> None:
 
 
 def _centre(plant: Plant, place: int, by_m: float) -> None:
-    """Away from the body's frame, along its present direction; the inertia about the centre of mass stays."""
-    at = plant.model.body_ipos[place + 1]
-    distance = float(np.linalg.norm(at))
-    if distance > 0.0:
-        at *= 1.0 + by_m / distance
+    shift_centre(plant, place + 1, by_m)
 
 
 def _torque_offset(plant: Plant, place: int, by: float) -> None:

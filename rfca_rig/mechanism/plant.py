@@ -34,16 +34,24 @@ class Plant:
         (n,) share of the actuators' torque that each joint loses by friction.
     hysteresis
         (2, n) Dahl's friction of each joint: its torque, and the angle over which it builds up.
+    gear_compliance
+        (n,) what the gear of each joint yields per torque that it transmits [rad/(N m) or m/N]; 0 is rigid.
+    gear_play
+        (2, n) play of each gear [rad or m], and the least inertia of the rotor that crosses it.
     torque_offset, zero_offset
         (n,) steady torque in each joint, and what each position is read too large.
     command_gain, command_limit, command_dead_band
         (u,) factor on the recorded commands, their largest magnitude, and the magnitude that has no effect.
+    torque_speed
+        (2, u) the largest command at rest, and the share of it that each rad/s (or m/s) of the joint takes away.
     command_delay_s, command_lag_s, command_clock_rate
         How much later than recorded they act: dead time, time constant of a low-pass, and share of the time since the recording began.
     speed_lag_s
         Time constant of a low-pass over the readings of speed.
     sensor_gain, sensor_offset, sensor_drift_per_s
         (d,) factor on each value of the sensors, and what is added to it: at the beginning of the recording, and per second since.
+    sensor_crosstalk
+        (d, d) share of another value that each value of the sensors reads, before its factor.
     sensor_lag_s, sensor_delay_s
         Time constant of a low-pass over the sensors, and by how much their clock is late.
     laws
@@ -57,14 +65,18 @@ class Plant:
     stribeck: Floats
     load_loss: Floats
     hysteresis: Floats
+    gear_compliance: Floats
+    gear_play: Floats
     torque_offset: Floats
     zero_offset: Floats
     command_gain: Floats
     command_limit: Floats
     command_dead_band: Floats
+    torque_speed: Floats
     sensor_gain: Floats
     sensor_offset: Floats
     sensor_drift_per_s: Floats
+    sensor_crosstalk: Floats
     command_delay_s: float = 0.0
     command_lag_s: float = 0.0
     command_clock_rate: float = 0.0
@@ -72,6 +84,11 @@ class Plant:
     sensor_lag_s: float = 0.0
     sensor_delay_s: float = 0.0
     laws: tuple[JointLaw, ...] = ()
+
+    @property
+    def has_yielding_gears(self) -> bool:
+        """Whether the motors' encoders read anything else than the joints' positions."""
+        return bool(self.gear_compliance.any() or self.gear_play[0].any())
 
     @property
     def reads_sensors(self) -> bool:
@@ -100,14 +117,18 @@ def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False)
         stribeck=np.vstack([zeros, zeros, zeros + 1.0]),
         load_loss=zeros.copy(),
         hysteresis=np.vstack([zeros, zeros + 1.0]),
+        gear_compliance=zeros.copy(),
+        gear_play=np.vstack([zeros, zeros + 1.0]),
         torque_offset=zeros.copy(),
         zero_offset=zeros.copy(),
         command_gain=np.ones(model.nu),
         command_limit=np.full(model.nu, np.inf),
         command_dead_band=np.zeros(model.nu),
+        torque_speed=np.vstack([np.full(model.nu, np.inf), np.zeros(model.nu)]),
         sensor_gain=np.ones(model.nsensordata),
         sensor_offset=np.zeros(model.nsensordata),
         sensor_drift_per_s=np.zeros(model.nsensordata),
+        sensor_crosstalk=np.zeros((model.nsensordata, model.nsensordata)),
     )
 
 
@@ -137,6 +158,17 @@ def add_to(field: str, least: float = -np.inf) -> Change:
 def add_friction(plant: Plant, joint: int, by: float) -> None:
     """Adds dry friction; the sum is not below zero."""
     plant.friction[joint] = max(0.0, plant.friction[joint] + by)
+
+
+def shift_centre(plant: Plant, body: int, by_m: float) -> None:
+    """Moves a body's centre of mass away from its frame, along its present direction; the inertia about the centre of mass stays.
+
+    `body` counts as MuJoCo does, with 0 for the world.
+    """
+    at = plant.model.body_ipos[body]
+    distance = float(np.linalg.norm(at))
+    if distance > 0.0:
+        at *= 1.0 + by_m / distance
 
 
 def scale_contact_stiffness(plant: Plant, factor: float) -> None:

@@ -6,7 +6,7 @@ calls MuJoCo's step by its address, with the interpreter lock released.
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, cast
@@ -18,11 +18,13 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
+from rfca_rig.mechanism.gears import PARTS, SMOOTHED_S, add_deflection, estimate_gear_start
 from rfca_rig.mechanism.joint_law import pack_laws
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.compiled import compiled
 
 Floats = NDArray[np.float64]
+Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -129,11 +131,14 @@ def carry(
     bristle: Floats,
     law_numbers: Floats,
     law_tables: Floats,
+    torque_speed: Floats,
+    joints: Places,
     h: float,
     path_q: Floats,
     path_w: Floats,
     sensordata: Floats,
     path_s: Floats,
+    path_torque: Floats,
 ) -> None:
     """Steps through `command` (k, u) and notes positions and speeds before each step and after the last, (k + 1, n).
 
@@ -142,6 +147,10 @@ def carry(
     `friction` (7, n): dry friction, Stribeck friction, its rise and its speed, the share of the load that is lost, Dahl's friction and the
     angle over which it builds up. `offset` (n,) are steady torques, `bristle` (n,) the state of Dahl's friction, `law_numbers` and
     `law_tables` come from `pack_laws`. The arrays from `q` to `frictionloss` are MuJoCo's own.
+
+    `torque_speed` (2, u) or (2, 0): the largest command at rest, and the share of it that each unit of speed of the actuator's joint,
+    `joints` (u,), takes away; the second is negative where the gear turns the other way round. `path_torque` (k, n) or (k, 0): the torques
+    of the actuators in each step.
     """
     for k in range(command.shape[0]):
         for m in range(law_numbers.shape[0]):
@@ -160,9 +169,14 @@ def carry(
             act_tables(law_numbers, law_tables, q, w, path_w[max(k - 1, 0)], h, applied, frictionloss)
         for j in range(ctrl.size):
             ctrl[j] = command[k, j]
+        for j in range(torque_speed.shape[1]):
+            lost = torque_speed[1, j] * w[joints[j]]
+            ctrl[j] = min(max(ctrl[j], -torque_speed[0, j] * max(0.0, 1.0 + lost)), torque_speed[0, j] * max(0.0, 1.0 - lost))
         call_step(step, model, data)
         for i in range(path_s.shape[1]):
             path_s[k, i] = sensordata[i]
+        for i in range(path_torque.shape[1]):
+            path_torque[k, i] = by_actuators[i]
     for i in range(q.size):
         path_q[-1, i], path_w[-1, i] = q[i], w[i]
 
@@ -196,42 +210,65 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     SimulationFailed
         Where the simulation diverges.
     """
-    h = plant.step_s
-    commands = _commands(plant, trace, int(np.ceil(t_s[-1] / h - 1e-9)), since_s)
-    path_q, path_w, path_s = _integrate(plant, commands, position - plant.zero_offset, speed)
+    h, sample_s = plant.step_s, float(t_s[-1]) / len(t_s)
+    beyond_s = sample_s if plant.has_yielding_gears else 0.0  # the speed of a deflection at the end
+    steps = int(np.ceil((t_s[-1] + beyond_s) / h - 1e-9))
+    path_q, path_w, path_s = _integrate(plant, trace, steps, position - plant.zero_offset, speed, since_s, sample_s)
     if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
         raise SimulationFailed(f"the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
     read_w = path_w
     if plant.speed_lag_s > 0.0:
         read_w = path_w.copy()
         lag(read_w, 1.0 - float(np.exp(-h / plant.speed_lag_s)))
-    place = np.minimum((t_s / h).astype(np.intp), len(commands) - 1)
+    place = np.minimum((t_s / h).astype(np.intp), steps - 1)
     x = (t_s / h - place)[:, None]
     position = _between(path_q, path_w, place, x, h) + plant.zero_offset
     return Motion(position, read_w[place] + x * (read_w[place + 1] - read_w[place]), _read_sensors(plant, path_s, t_s, since_s))
 
 
-def _integrate(plant: Plant, commands: Floats, position: Floats, speed: Floats) -> tuple[Floats, Floats, Floats]:
-    """Positions and speeds (k + 1, n) and sensors (k + 1, d) at the ends of the steps of `commands` (k, u)."""
+def _integrate(
+    plant: Plant, trace: CommandTrace, steps: int, position: Floats, speed: Floats, since_s: float, sample_s: float
+) -> tuple[Floats, Floats, Floats]:
+    """Positions and speeds (k + 1, n), as the encoders have them, and sensors (k + 1, d) at the ends of the steps."""
     import mujoco  # noqa: PLC0415  (optional)
 
-    model, steps = plant.model, len(commands)
+    model = plant.model
+    commands = _commands(plant, trace, steps, since_s)
     path_q, path_w = np.empty((steps + 1, model.nv)), np.empty((steps + 1, model.nv))
     path_s = np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0))
     friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss, plant.hysteresis])
     with plant.mechanism.borrow_data(model) as data:
         data.qpos[:], data.qvel[:], data.ctrl[:], data.qfrc_applied[:] = position, speed, commands[0], plant.torque_offset
         mujoco.mj_forward(model, data)  # the first step's friction asks for the actuators' torques
+        gears = None
+        if plant.has_yielding_gears:  # the start was read by the motors' encoders, too
+            around = CommandTrace(trace.t_s + SMOOTHED_S, trace.command)
+            coarse = replace(plant, step_s=2.0 * SMOOTHED_S / PARTS)
+            gears = estimate_gear_start(plant, data, _commands(coarse, around, PARTS, since_s - SMOOTHED_S))
+            data.qpos[:], data.qvel[:], data.ctrl[:] = data.qpos - gears.ahead, data.qvel - gears.rate, commands[0]
+            mujoco.mj_forward(model, data)
+        path_torque = np.empty((steps, 0 if gears is None else model.nv))
         carry(
             _step_address(), model._address, data._address,
             data.qpos, data.qvel, data.ctrl, data.qfrc_actuator, data.qfrc_applied, model.dof_frictionloss,
-            commands, friction, plant.torque_offset, np.zeros(model.nv), *pack_laws(plant.laws), plant.step_s,
-            path_q, path_w, data.sensordata, path_s,
+            commands, friction, plant.torque_offset, np.zeros(model.nv), *pack_laws(plant.laws), *_torque_speed(plant),
+            plant.step_s, path_q, path_w, data.sensordata, path_s, path_torque,
         )  # fmt: skip
         if path_s.size:
             mujoco.mj_forward(model, data)
             path_s[-1] = data.sensordata
+    if gears is not None and np.isfinite(path_w[-1]).all():
+        add_deflection(plant, gears, path_torque, path_q, path_w, sample_s)
     return path_q, path_w, path_s
+
+
+def _torque_speed(plant: Plant) -> tuple[Floats, Places]:
+    """What `carry` takes of the lines of torque over speed, nothing where no line falls; factors on the commands apply to them, too."""
+    stall, share = plant.torque_speed
+    if not share.any():
+        return np.empty((2, 0)), np.empty(0, dtype=np.intp)
+    lines = np.vstack([stall * np.abs(plant.command_gain), share * np.sign(plant.model.actuator_gear[:, 0])])
+    return lines, plant.model.actuator_trnid[:, 0].astype(np.intp)
 
 
 def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Floats:
@@ -243,11 +280,13 @@ def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Fl
         lag(path, 1.0 - float(np.exp(-h / plant.sensor_lag_s)))
     times = np.arange(len(path)) * h
     read = np.column_stack([np.interp(t_s - plant.sensor_delay_s, times, values) for values in path.T])
+    if plant.sensor_crosstalk.any():
+        read = read + read @ plant.sensor_crosstalk.T
     drift = (since_s + t_s)[:, None] * plant.sensor_drift_per_s
     return np.asarray(read * plant.sensor_gain + plant.sensor_offset + drift)
 
 
-def _between(path_q: Floats, path_w: Floats, place: NDArray[np.intp], x: Floats, h: float) -> Floats:
+def _between(path_q: Floats, path_w: Floats, place: Places, x: Floats, h: float) -> Floats:
     """The cubic through both ends of a step with their speeds, at the share `x` (k, 1) of the steps at `place`."""
     rise = path_q[place + 1] - path_q[place]
     bend = (1.0 - x) * (h * path_w[place] - rise) + x * (rise - h * path_w[place + 1])

@@ -18,7 +18,7 @@ class Family:
     words
         What is missing, as an engineer would say it.
     place
-        Where it acts: hinges, tip, ground, drive, rig, surroundings, sensor, or joints of a pendulum or mechanism.
+        Where it acts: hinges, tip, ground, drive, rig, surroundings, sensor, or joints or bodies of a pendulum or mechanism.
     members
         Ids of effects, of the catalogue and of mechanisms.
     """
@@ -97,11 +97,21 @@ FAMILIES = (
         frozenset(("joint_spring", "joint_spring_of_one", "joint_stop", "joint_hysteresis")),
     ),
     Family(
+        "gear_yields",
+        "the gears yield between motor and joint: elasticity or play",
+        "joints",
+        frozenset(("gear_compliance", "gear_compliance_of_one", "gear_backlash", "gear_backlash_of_one")),
+    ),
+    Family("body_mass", "the mass of a body differs, or sits elsewhere", "bodies", frozenset(("added_mass", "centre_of_mass"))),
+    Family(
         "torque_scale",
         "the torque is not what was recorded",
         "joints",
         frozenset(
-            ("torque_scale", "torque_scale_of_one", "torque_lag", "torque_delay", "torque_saturation", "torque_dead_band", "clock_rate")
+            (
+                *("torque_scale", "torque_scale_of_one", "torque_lag", "torque_delay", "torque_saturation", "torque_dead_band"),
+                *("torque_falls_with_speed", "clock_rate"),
+            )
         ),
     ),
 )

@@ -3,7 +3,8 @@
 Run: python -m tests.benchmarks.mechanisms FOLDER [--mechanism arm|hopper] [--cases 40] [--seed 1]
 
 Every case draws a mechanism, nominal values that are off by their standard uncertainty, and what is concealed: nothing, or one effect. Its
-law is wrong by 20 to 40 %: dry friction is LuGre's or rises at rest, and a share of it follows the load; contacts are Hunt and Crossley's.
+law is wrong by 20 to 40 %: dry friction is LuGre's or rises at rest, and a share of it follows the load; contacts are Hunt and Crossley's;
+behind gears that yield the rotors are bodies of their own.
 Answers stay in FOLDER; the same command goes on.
 """
 
@@ -39,7 +40,10 @@ ARM_KINDS = {
     "gear loss": ("joint_load_friction",),
     "torque scale": ("torque_scale",),
     "late torque": LATE,
+    "backlash": ("gear_backlash",),
+    "elastic gear": ("gear_compliance",),
 }
+GEARS = ("backlash", "elastic gear")
 HOPPER_KINDS = {
     NOTHING: (),
     "dry friction of the leg": DRY,
@@ -74,7 +78,14 @@ def draw_arm(kind, random):
     size = random.uniform(0.05, 0.25, 3) * usual_Nm
     rise, load = random.uniform(0.2, 0.4), random.uniform(0.0, 0.03)
     one = np.arange(3) == random.integers(3)
+    of_gears = random.spawn(1)[0]  # whose numbers leave those of the other kinds alone
+    if kind in GEARS:  # the model file knows the rotors
+        rotors = tuple(of_gears.uniform(0.5, 1.5, 3) * (0.06, 0.02, 0.004))
+        nominal, actual = replace(nominal, rotor_kg_m2=rotors), replace(actual, rotor_kg_m2=rotors)
+    yields_rad, losing_s = of_gears.uniform(0.015, 0.04, 3), of_gears.uniform(0.003, 0.01)
     changes = {
+        "backlash": {"gear": arm.Gear((2e4, 8e3, 2e3), tuple(of_gears.uniform(0.02, 0.05, 3)), (5.0, 2.0, 0.5))},
+        "elastic gear": {"gear": arm.Gear(tuple(usual_Nm / yields_rad), (0.0, 0.0, 0.0), tuple(losing_s * usual_Nm / yields_rad))},
         "dry friction": {"friction": arm.Friction(tuple(size), rise, 0.3, of_load=load)},
         "dry friction of one": {"friction": arm.Friction(tuple(size * one), rise, 0.3)},
         "damping": {"friction": arm.Friction((0.0, 0.0, 0.0), viscous_Nm_s_per_rad=tuple(0.5 * size))},

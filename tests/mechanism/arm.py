@@ -1,7 +1,8 @@
 """A planar arm with geared joints, simulated from its own equations: MuJoCo and the package's laws have no part in it.
 
 The joints turn in a vertical plane, driven towards a reference by a controller whose torques are recorded. Friction is LuGre's: a bristle
-with a Stribeck curve that falls as a Gaussian, and a share of the load.
+with a Stribeck curve that falls as a Gaussian, and a share of the load. With a `Gear` the rotors are bodies of their own, behind springs
+with a dead zone, and the encoders sit on them.
 """
 
 from dataclasses import dataclass, field
@@ -26,8 +27,17 @@ class Friction:
 
 
 @dataclass(frozen=True)
+class Gear:
+    """Stiffness of each gear, its play in all, and the torque per speed that it loses while its teeth touch."""
+
+    stiffness_Nm_per_rad: tuple[float, ...]
+    play_rad: tuple[float, ...] = (0.0, 0.0, 0.0)
+    damping_Nm_s_per_rad: tuple[float, ...] = (0.5, 0.2, 0.05)
+
+
+@dataclass(frozen=True)
 class Arm:
-    """Links are rods. `rotor_kg_m2` is added to a joint's own inertia, and an encoder reads `zero_rad` too much."""
+    """Links are rods. `rotor_kg_m2` is added to a joint's own inertia, or moves behind the `gear`; an encoder reads `zero_rad` too much."""
 
     length_m: tuple[float, ...] = (0.35, 0.3, 0.2)
     mass_kg: tuple[float, ...] = (2.0, 1.4, 0.7)
@@ -36,6 +46,7 @@ class Arm:
     zero_rad: tuple[float, ...] = (0.0, 0.0, 0.0)
     torque_factor: float = 1.0
     torque_delay_s: float = 0.0
+    gear: Gear | None = None
     angle_error_rad: float = 1e-4
     speed_error_rad_s: float = 5e-3
 
@@ -47,11 +58,11 @@ class Arm:
 def mjcf(arm):
     """The rigid part of the arm for MuJoCo, without anything that dissipates."""
     body, tail = "", ""
-    for number, (length, mass) in enumerate(zip(arm.length_m, arm.mass_kg, strict=True), start=1):
+    for number, (length, mass, rotor) in enumerate(zip(arm.length_m, arm.mass_kg, arm.rotor_kg_m2, strict=False), start=1):
         at = -arm.length_m[number - 2] if number > 1 else 0.0
         inertia = mass * length**2 / 12.0
         body += (
-            f'<body name="link{number}" pos="0 0 {at}"><joint name="joint{number}" type="hinge" axis="0 -1 0"/>'
+            f'<body name="link{number}" pos="0 0 {at}"><joint name="joint{number}" type="hinge" axis="0 -1 0" armature="{rotor}"/>'
             f'<inertial pos="0 0 {-length / 2}" mass="{mass}" diaginertia="{inertia} {inertia} 1e-4"/>'
         )
         tail += "</body>"
@@ -73,14 +84,17 @@ def record(arm, seconds, seed, pose_rad=0.8, size_rad=0.5):
     t_s = np.arange(0.0, seconds, SAMPLE_S)
     # the controller is sampled, and its torque is held: what is recorded is what was told
     state = np.concatenate([middle, np.zeros(n), np.zeros(n)])
+    if arm.gear is not None:
+        state = np.concatenate([state, middle + _deflection(arm, _weight(arm, np.cumsum(middle))), np.zeros(n)])
+    read = slice(0, 2 * n) if arm.gear is None else slice(3 * n, 5 * n)
     angles, speeds, torques = np.empty((t_s.size, n)), np.empty((t_s.size, n)), np.empty((t_s.size, n))
     late = round(arm.torque_delay_s / SAMPLE_S)
     for k, t in enumerate(t_s):
         wave = (size_rad / 3.0) * np.sin(rates * t + phases)
         rate = (size_rad / 3.0) * rates * np.cos(rates * t + phases)
-        angles[k], speeds[k] = state[:n], state[n : 2 * n]
-        gravity = _weight(arm, np.cumsum(state[:n]))
-        torques[k] = stiff * (middle + wave.sum(axis=1) - state[:n]) + damp * (rate.sum(axis=1) - state[n : 2 * n]) + gravity
+        angles[k], speeds[k] = state[read].reshape(2, n)
+        gravity = _weight(arm, np.cumsum(angles[k]))
+        torques[k] = stiff * (middle + wave.sum(axis=1) - angles[k]) + damp * (rate.sum(axis=1) - speeds[k]) + gravity
         told = torques[max(k - late, 0)] * arm.torque_factor
         state = _advance(arm, state, told)
     noise = np.random.default_rng([seed, 1])
@@ -94,6 +108,8 @@ def record(arm, seconds, seed, pose_rad=0.8, size_rad=0.5):
 
 def _advance(arm, state, torque):
     """The state a sample later, by Runge-Kutta steps of 0.1 ms; bristles at 5 rad/s need less than 1 ms."""
+    if arm.gear is not None:
+        return _geared_runge_kutta(state, torque, *_numbers(arm), *_numbers_of_gear(arm), 5e-5, round(SAMPLE_S / 5e-5))
     return _runge_kutta(state, torque, *_numbers(arm), 1e-4, round(SAMPLE_S / 1e-4))
 
 
@@ -110,6 +126,44 @@ def _runge_kutta(x, torque, length, mass, rotor, dry, viscous, shape, h, steps):
         second = _rates(x + 0.5 * h * first, torque, length, mass, rotor, dry, viscous, shape)
         third = _rates(x + 0.5 * h * second, torque, length, mass, rotor, dry, viscous, shape)
         fourth = _rates(x + h * third, torque, length, mass, rotor, dry, viscous, shape)
+        x = x + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+    return x
+
+
+def _numbers_of_gear(arm):
+    gear, n = arm.gear, arm.joints
+    return tuple(np.array(values[:n]) for values in (gear.stiffness_Nm_per_rad, gear.play_rad, gear.damping_Nm_s_per_rad))
+
+
+def _deflection(arm, torque):
+    """How far the rotors are ahead of the joints at rest under a torque."""
+    stiffness, play, _ = _numbers_of_gear(arm)
+    return torque / stiffness + 0.5 * play * np.sign(torque)
+
+
+@numba.njit
+def _geared_rates(x, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping):
+    """Links with their bristles, then angles and speeds of the rotors; a gear pushes, and never pulls its teeth together."""
+    n = length.size
+    lead, lead_rate = x[3 * n : 4 * n] - x[:n], x[4 * n :] - x[n : 2 * n]
+    passed = np.zeros(n)
+    for i in range(n):
+        bend = max(abs(lead[i]) - 0.5 * play[i], 0.0) * np.sign(lead[i])
+        if bend != 0.0:
+            passed[i] = stiffness[i] * bend + damping[i] * lead_rate[i]
+            if play[i] > 0.0 and passed[i] * bend < 0.0:
+                passed[i] = 0.0
+    links = _rates(x[: 3 * n], passed, length, mass, np.zeros(n), dry, viscous, shape)
+    return np.concatenate((links, x[4 * n :], (torque - passed) / rotor))
+
+
+@numba.njit
+def _geared_runge_kutta(x, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping, h, steps):
+    for _ in range(steps):
+        first = _geared_rates(x, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping)
+        second = _geared_rates(x + 0.5 * h * first, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping)
+        third = _geared_rates(x + 0.5 * h * second, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping)
+        fourth = _geared_rates(x + h * third, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping)
         x = x + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
     return x
 

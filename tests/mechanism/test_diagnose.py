@@ -16,15 +16,15 @@ from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.load import load_mechanism
 from tests.mechanism import hopper
-from tests.mechanism.arm import Arm, Friction, record, write_campaign
+from tests.mechanism.arm import Arm, Friction, Gear, record, write_campaign
 from tests.real.__main__ import put_together, read_sets
 
 NOMINAL = Arm()
 KNOWN_TO = {"mass_relative": 0.02, "centre_of_mass_m": 0.003, "zero_offset_rad": 0.002}
 
 
-def campaign(folder, arm, seconds=6.0, seeds=(0, 1)):
-    return write_campaign(folder, NOMINAL, [record(arm, seconds, seed) for seed in seeds], KNOWN_TO)
+def campaign(folder, arm, seconds=6.0, seeds=(0, 1), nominal=NOMINAL):
+    return write_campaign(folder, nominal, [record(arm, seconds, seed) for seed in seeds], KNOWN_TO)
 
 
 def diagnosed(folder):
@@ -79,6 +79,23 @@ def test_rotors_are_identified_and_stand_in_the_amended_model(tmp_path):
     amended = load_mechanism(tmp_path / "out" / "model.xml")
     assert amended.model.dof_armature == pytest.approx(rotor_kg_m2, rel=0.1)
     assert "joint1" in (tmp_path / "out" / "diagnosis.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("gear", "effect_id"),
+    [
+        (Gear((2e4, 8e3, 2e3), (0.04, 0.04, 0.04), (5.0, 2.0, 0.5)), "gear_backlash"),
+        (Gear((300.0, 120.0, 40.0), damping_Nm_s_per_rad=(2.0, 0.8, 0.2)), "gear_compliance"),
+    ],
+)
+def test_rotors_that_are_bodies_of_their_own_are_said_to_have_gears_that_yield(tmp_path, gear, effect_id):
+    """Play, and springs, between rotors that the model file knows and their joints."""
+    nominal = replace(NOMINAL, rotor_kg_m2=(0.06, 0.02, 0.004))
+    found = diagnosed(campaign(tmp_path / "arm", replace(nominal, gear=gear), nominal=nominal))
+    assert found.grade in ("identified", "mostly", "family")
+    assert {effect.id for effect in found.effects} <= {effect_id, f"{effect_id}_of_one"}
+    assert found.effects or found.family.id == "gear_yields"
 
 
 @pytest.mark.slow

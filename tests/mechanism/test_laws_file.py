@@ -120,6 +120,7 @@ def test_readings_are_those_of_the_amended_simulation(tmp_path):
     plant.zero_offset[:] = 0.01, -0.02, 0.03
     plant.speed_lag_s, plant.sensor_lag_s, plant.sensor_delay_s = 0.01, 0.007, 0.004
     plant.sensor_gain[:], plant.sensor_offset[:], plant.sensor_drift_per_s[:] = 1.2, 0.1, (0.2, 0.0, -0.1)
+    plant.sensor_crosstalk[0, 2] = 0.05
     read = rolled(plant)
     _, laws = written(plant, tmp_path)
     assert laws.read_positions(plain.position) == pytest.approx(read.position, abs=1e-6)
@@ -137,7 +138,7 @@ def test_every_law_that_mjcf_does_not_hold_has_a_function(tmp_path):
     plant.zero_offset[:], plant.speed_lag_s, plant.sensor_lag_s = 0.01, 0.01, 0.01
     beyond = write_amended_model(plant, tmp_path / "model.xml")
     assert set(beyond) <= set(PARTS)
-    assert set(PARTS) - set(beyond) == {"scales and zeros of the sensors"}  # this arm has none
+    assert set(PARTS) - set(beyond) == {"scales and zeros of the sensors", "crosstalk of the sensors"}  # this arm has none
 
 
 def test_what_has_no_function_is_said_in_the_file_and_an_old_file_goes(tmp_path):

@@ -14,7 +14,7 @@ from rfca_rig.analysis.swings import SwingProblem
 from rfca_rig.diagnosis.candidate_effects import select_candidates
 from rfca_rig.diagnosis.pendulums.windows import usual_torque_Nm
 from rfca_rig.errors import BadInput
-from rfca_rig.mechanism.effects import LARGEST, SMALLEST
+from rfca_rig.mechanism.laws import LARGEST, SMALLEST
 from rfca_rig.model.catalogue import catalogue, lab_texts
 from rfca_rig.model.effect import OF_PENDULUMS, Effect, Parameter
 from rfca_rig.model.parameters import PresentEffect

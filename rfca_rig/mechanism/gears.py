@@ -1,0 +1,115 @@
+"""Gears that yield: what an encoder on the motor's side reads beyond the position of its joint.
+
+    q_read = q + c tau + z,    I z'' = tau within the play, abs(z) <= b / 2
+
+`tau` is the torque that the gear transmits: that of the actuator less what accelerates the rotor, which is the joint's `armature`. Friction
+acts on the joint's side. The joint moves as with a rigid gear of the compliance `c` and the play `b`, both small beside the travel.
+
+The elastic part is quasi-static: it leaves out the rotor's motion against the joint, a share of about (f / f_r)^2 of the deflection at the
+frequency f, with the rotor's resonance f_r = 1 / (2 pi sqrt(I c)). Play is not quasi-static: a rotor of 0.06 kg m2 takes 80 ms to cross
+0.03 rad where a controller turns its torque round. So its inertia `I` carries it across, and its teeth do not bounce.
+
+References
+----------
+Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987) 310.
+Nordin and Gutman, Controlling mechanical systems with backlash, a survey, Automatica 38 (2002) 1633.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.mechanism.plant import Plant
+from rfca_rig.model.compiled import compiled
+
+Floats = NDArray[np.float64]
+
+# To either side of a start over which its state is smoothed, and the degree of the polynomial: as the diagnosis estimates recorded states.
+SMOOTHED_S, DEGREE = 0.06, 5
+PARTS = 12  # of that time in which commands count by their means: twice as many as the polynomial has coefficients
+FINER = 5  # steps of a rotor within a part
+
+
+@dataclass(frozen=True)
+class GearStart:
+    """How far the motors are ahead at a start and how fast that grows, as smoothed readings show it, and both of the rotors in their play;
+    each (n,).
+    """
+
+    ahead: Floats
+    rate: Floats
+    lead: Floats
+    lead_rate: Floats
+
+
+@compiled
+def cross_play(torque: Floats, play: Floats, inertia: Floats, h: float, lead: Floats, rate: Floats, leads: Floats) -> None:
+    """Carries rotors across their play under torques (k, n); `lead` and `rate` (n,) go on, `leads` (k, n) are those after each step."""
+    for k in range(torque.shape[0]):
+        for i in range(torque.shape[1]):
+            rate[i] += h * torque[k, i] / inertia[i]
+            lead[i] += h * rate[i]
+            if abs(lead[i]) >= 0.5 * play[i]:
+                lead[i] = 0.5 * play[i] if lead[i] > 0.0 else -0.5 * play[i]
+                rate[i] = 0.0
+            leads[k, i] = lead[i]
+
+
+def _cross(plant: Plant, torque: Floats, h: float, lead: Floats, rate: Floats) -> Floats:
+    play, least = plant.gear_play
+    leads = np.empty_like(torque)
+    cross_play(torque, play, np.maximum(plant.model.dof_armature, least), h, lead, rate, leads)
+    return leads
+
+
+def add_deflection(plant: Plant, start: GearStart, by_actuators: Floats, path_q: Floats, path_w: Floats, sample_s: float) -> None:
+    """Turns positions and speeds of the joints (k + 1, n), before each step and after the last, into those of the motors.
+
+    `by_actuators` (k, n) are the actuators' torques in the steps. Recorded commands are steps of a sample, so speeds are differences over a
+    sample at least.
+    """
+    h = plant.step_s
+    torque = by_actuators - plant.model.dof_armature * np.diff(path_w, axis=0) / h
+    bend = plant.gear_compliance * torque
+    ahead = np.vstack([start.lead, _cross(plant, torque, h, start.lead.copy(), start.lead_rate.copy())])
+    around = np.pad(bend, ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")  # goes on straight
+    ahead += 0.5 * (around[1:] + around[:-1])
+    over = min(max(1, round(0.5 * sample_s / h)), len(bend))
+    beyond = np.pad(ahead, ((over, over), (0, 0)), mode="reflect", reflect_type="odd")
+    path_q += ahead
+    path_w += (beyond[2 * over :] - beyond[: -2 * over]) / (2.0 * over * h)
+
+
+def estimate_gear_start(plant: Plant, data: Any, commands: Floats) -> GearStart:
+    """The gears at the start of a motion.
+
+    Parameters
+    ----------
+    plant
+        What moves.
+    data
+        MuJoCo's data, at the start as it was read.
+    commands
+        (PARTS, u) means over equal parts of the time from SMOOTHED_S before to SMOOTHED_S after the start.
+    """
+    import mujoco  # noqa: PLC0415  (optional)
+
+    position, speed, acceleration = data.qpos.copy(), data.qvel.copy(), data.qacc.copy()
+    times = ((np.arange(PARTS) + 0.5) / PARTS * 2.0 - 1.0) * SMOOTHED_S
+    torque = np.empty((PARTS, len(position)))
+    for part, t in enumerate(times):
+        data.qpos[:] = position + speed * t + 0.5 * acceleration * t**2
+        data.qvel[:], data.ctrl[:] = speed + acceleration * t, commands[part]
+        mujoco.mj_forward(plant.model, data)
+        torque[part] = data.qfrc_actuator - plant.model.dof_armature * data.qacc
+    data.qpos[:], data.qvel[:] = position, speed
+    lead, rate = 0.5 * plant.gear_play[0] * np.sign(torque[0]), np.zeros(len(position))
+    fine, h = np.repeat(torque, FINER, axis=0), 2.0 * SMOOTHED_S / PARTS / FINER
+    before = _cross(plant, fine[: len(fine) // 2], h, lead, rate)
+    lead_at_start, rate_at_start = lead.copy(), rate.copy()
+    leads = np.vstack([before, _cross(plant, fine[len(fine) // 2 :], h, lead, rate)])
+    ahead = plant.gear_compliance * torque + leads.reshape(PARTS, FINER, -1).mean(axis=1)
+    polynomial = np.polynomial.polynomial.polyfit(times / SMOOTHED_S, ahead, DEGREE)
+    return GearStart(polynomial[0], polynomial[1] / SMOOTHED_S, lead_at_start, rate_at_start)
