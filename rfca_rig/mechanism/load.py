@@ -1,7 +1,7 @@
 """Loads a mechanism from an MJCF or URDF file."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
+from rfca_rig.mechanism.contact_law import SphereOnPlane
 
 Floats = NDArray[np.float64]
 
@@ -54,6 +55,14 @@ class Mechanism:
         Of each sensor that a signal may hold, by name: its first value in MuJoCo's `sensordata`, how many it has, and their SI unit.
     has_contacts
         Whether any two bodies may touch.
+    is_implicit
+        Whether the model's integrator is one of MuJoCo's implicit ones, which stiff dampers need; Runge-Kutta if not.
+    prescribed, unmeasured
+        Places of joints that follow a given motion, and of joints that have no position signal.
+    alike
+        Names of joints, bodies or actuators of one make, by the name of the group: they share values and effects.
+    contacts
+        Contacts that have a law of their own, in place of MuJoCo's.
     """
 
     path: Path
@@ -65,6 +74,16 @@ class Mechanism:
     driven: NDArray[np.bool_]
     sensors: Mapping[str, "Sensor"]
     has_contacts: bool
+    is_implicit: bool = False
+    prescribed: tuple[int, ...] = ()
+    unmeasured: tuple[int, ...] = ()
+    alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    contacts: tuple[SphereOnPlane, ...] = ()
+
+    @property
+    def simulated(self) -> tuple[int, ...]:
+        """Places of the joints whose motion the model decides."""
+        return tuple(joint for joint in range(len(self.joints)) if joint not in self.prescribed)
 
     @property
     def sensor_values(self) -> dict[str, tuple[int, str]]:
@@ -149,6 +168,7 @@ def load_mechanism(path: Path) -> Mechanism:
         driven=driven,
         sensors=_list_sensors(model),
         has_contacts=bool(model.npair > 0 or np.any(model.geom_contype & model.geom_conaffinity[:, None])),
+        is_implicit=model.opt.integrator in (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
     )
 
 

@@ -2,15 +2,19 @@
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.mechanism.contact_law import DAMPING, FRICTION, STIFFNESS
 from rfca_rig.mechanism.load import Mechanism
+from rfca_rig.mechanism.prescribed import ARMATURE
 
 Floats = NDArray[np.float64]
+
+NEVER_M = -1e3  # the margin of a pair that MuJoCo leaves alone: they would have to overlap by that much
 
 
 @dataclass(eq=False)
@@ -45,6 +49,10 @@ class Plant:
         (d,) factor on each value of the sensors, and what is added to it: at the beginning of the recording, and per second since.
     sensor_lag_s, sensor_delay_s
         Time constant of a low-pass over the sensors, and by how much their clock is late.
+    contact_law
+        (c, 5) numbers of the contacts that have a law of their own; see `SphereOnPlane`.
+    spring_half_gap
+        (n,) play to either side of each joint's rest position, within which its spring does nothing.
     """
 
     mechanism: Mechanism
@@ -68,6 +76,8 @@ class Plant:
     speed_lag_s: float = 0.0
     sensor_lag_s: float = 0.0
     sensor_delay_s: float = 0.0
+    contact_law: Floats = field(default_factory=lambda: np.empty((0, 5)))
+    spring_half_gap: Floats = field(default_factory=lambda: np.empty(0))
 
     @property
     def reads_sensors(self) -> bool:
@@ -83,7 +93,15 @@ def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False)
 
     model = copy.copy(mechanism.model)
     model.opt.timestep = step_s
-    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    if not mechanism.is_implicit:
+        model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    model.dof_armature[list(mechanism.prescribed)] = ARMATURE
+    replaced = {frozenset((law.sphere, law.plane)) for law in mechanism.contacts}
+    for pair in range(model.npair):
+        if frozenset((model.geom(model.pair_geom1[pair]).name, model.geom(model.pair_geom2[pair]).name)) in replaced:
+            model.pair_margin[pair] = NEVER_M
+    if replaced and len(replaced) == model.npair and not np.any(model.geom_contype & model.geom_conaffinity[:, None]):
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT  # no contact is left to be looked for
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     if not reads_sensors:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
@@ -104,6 +122,8 @@ def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False)
         sensor_gain=np.ones(model.nsensordata),
         sensor_offset=np.zeros(model.nsensordata),
         sensor_drift_per_s=np.zeros(model.nsensordata),
+        contact_law=np.array([contact.law for contact in mechanism.contacts]).reshape(-1, 5),
+        spring_half_gap=zeros.copy(),
     )
 
 
@@ -146,6 +166,7 @@ def scale_contact_stiffness(plant: Plant, factor: float) -> None:
         is_direct = solref[:, 0] < 0.0
         solref[is_direct, 0] *= factor
         solref[~is_direct, 1] /= np.sqrt(factor)
+    plant.contact_law[:, STIFFNESS] *= factor
 
 
 def scale_contact_damping(plant: Plant, factor: float) -> None:
@@ -155,9 +176,11 @@ def scale_contact_damping(plant: Plant, factor: float) -> None:
         solref[is_direct, 1] *= factor
         solref[~is_direct, 0] /= factor
         solref[~is_direct, 1] *= factor
+    plant.contact_law[:, DAMPING] *= factor
 
 
 def scale_contact_friction(plant: Plant, factor: float) -> None:
     """Multiplies the sliding friction of all contacts."""
     plant.model.geom_friction[:, 0] *= factor
     plant.model.pair_friction[:, :2] *= factor
+    plant.contact_law[:, FRICTION] *= factor

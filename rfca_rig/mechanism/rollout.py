@@ -18,7 +18,11 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
+from rfca_rig.mechanism.contact_law import ContactArrays, push
 from rfca_rig.mechanism.plant import Plant
+from rfca_rig.mechanism.prescribed import PrescribedArrays, PrescribedMotion, prescribe
+from rfca_rig.mechanism.rest import hang
+from rfca_rig.mechanism.spring_play import PlayArrays, close_gaps
 from rfca_rig.model.compiled import compiled
 
 Floats = NDArray[np.float64]
@@ -48,13 +52,14 @@ class Motion:
 
 
 @cache
-def _step_address() -> int:
-    """The address of MuJoCo's `mj_step`."""
+def _step_addresses() -> NDArray[np.int64]:
+    """The addresses of MuJoCo's `mj_step`, and of its two halves."""
     import mujoco  # noqa: PLC0415  (optional)
 
     folder = Path(mujoco.__file__).parent
     library = next(path for name in ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll") for path in folder.glob(name))
-    return int(ctypes.cast(ctypes.CDLL(str(library)).mj_step, ctypes.c_void_p).value or 0)
+    functions = ctypes.CDLL(str(library))
+    return np.array([ctypes.cast(getattr(functions, name), ctypes.c_void_p).value for name in ("mj_step", "mj_step1", "mj_step2")])
 
 
 def _call_step(typing_context: Any, address: Any, model: Any, data: Any) -> Any:
@@ -76,7 +81,7 @@ call_step = cast(Callable[[int, int, int], None], intrinsic(_call_step))
 
 @compiled
 def carry(
-    step: int,
+    step: NDArray[np.int64],
     model: int,
     data: int,
     q: Floats,
@@ -94,6 +99,9 @@ def carry(
     path_w: Floats,
     sensordata: Floats,
     path_s: Floats,
+    prescribed: PrescribedArrays,
+    contacts: ContactArrays,
+    play: PlayArrays,
 ) -> None:
     """Steps through `command` (k, u) and notes positions and speeds before each step and after the last, (k + 1, n).
 
@@ -102,8 +110,14 @@ def carry(
     `friction` (7, n): dry friction, Stribeck friction, its rise and its speed, the share of the load that is lost, Dahl's friction and the
     angle over which it builds up. `offset` (n,) are steady torques, `bristle` (n,) the state of Dahl's friction. The arrays from `q` to
     `frictionloss` are MuJoCo's own.
+
+    Where contacts have a law of their own, each step is done in halves: they ask for places and speeds of the step's beginning.
     """
     for k in range(command.shape[0]):
+        for i in range(q.size):
+            applied[i] = offset[i]
+        prescribe(prescribed, k, h, q, w, applied)
+        close_gaps(play, q, applied)
         for i in range(q.size):
             path_q[k, i], path_w[k, i] = q[i], w[i]
             rise = friction[2, i] * np.exp(-abs(w[i]) / friction[3, i]) if friction[1, i] > 0.0 else 0.0
@@ -112,13 +126,19 @@ def carry(
                 slip = h * w[i] / friction[6, i]  # exact for a speed that lasts the step; the mean over the step acts
                 towards = 1.0 if slip > 0.0 else -1.0
                 after = towards + (bristle[i] - towards) * np.exp(-abs(slip))
-                applied[i] = offset[i] - friction[5, i] * 0.5 * (bristle[i] + after)
+                applied[i] -= friction[5, i] * 0.5 * (bristle[i] + after)
                 bristle[i] = after
         for j in range(ctrl.size):
             ctrl[j] = command[k, j]
-        call_step(step, model, data)
+        if contacts.radius.size > 0:
+            call_step(step[1], model, data)
+            push(contacts, h)
+            call_step(step[2], model, data)
+        else:
+            call_step(step[0], model, data)
         for i in range(path_s.shape[1]):
             path_s[k, i] = sensordata[i]
+    prescribe(prescribed, command.shape[0], h, q, w, applied)
     for i in range(q.size):
         path_q[-1, i], path_w[-1, i] = q[i], w[i]
 
@@ -131,7 +151,15 @@ def lag(values: Floats, share: float) -> None:
             values[k, i] = values[k - 1, i] + share * (values[k, i] - values[k - 1, i])
 
 
-def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s: Floats, since_s: float = 0.0) -> Motion:
+def roll(
+    plant: Plant,
+    trace: CommandTrace,
+    position: Floats | None,
+    speed: Floats | None,
+    t_s: Floats,
+    since_s: float = 0.0,
+    prescribed: PrescribedMotion | None = None,
+) -> Motion:
     """The motion from a start at time zero.
 
     Parameters
@@ -141,34 +169,43 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     trace
         What its actuators were told. It begins before zero, so that delays and lags are filled.
     position, speed
-        (n,) as read at the start.
+        (n,) as read at the start; None for a start at rest in equilibrium.
     t_s
         (k,) ascending, above zero, where the motion is read.
     since_s
         How long before the start the recording began.
+    prescribed
+        The motion of the prescribed joints, as read.
 
     Raises
     ------
     SimulationFailed
-        Where the simulation diverges.
+        Where the simulation diverges, or there is no equilibrium to start in.
     """
     import mujoco  # noqa: PLC0415  (optional)
 
     model, h = plant.model, plant.step_s
     data = mujoco.MjData(model)
     steps = int(np.ceil(t_s[-1] / h - 1e-9))
-    data.qpos[:], data.qvel[:] = position - plant.zero_offset, speed
-    data.qfrc_applied[:] = plant.torque_offset
+    driven = _prescribe(plant, prescribed, steps)
+    contacts, play = _contact_arrays(plant, data), _play_arrays(plant)
     commands = _commands(plant, trace, steps, since_s)
     data.ctrl[:] = commands[0]
+    if position is None or speed is None:
+        data.qpos[driven.joints] = driven.position[0]
+        hang(model, data, np.array(plant.mechanism.simulated, dtype=np.intp), plant.torque_offset, contacts, play)
+    else:
+        data.qpos[:], data.qvel[:] = position - plant.zero_offset, speed
+    data.qfrc_applied[:] = plant.torque_offset
     mujoco.mj_forward(model, data)  # the first step's friction asks for the actuators' torques
     path_q, path_w = np.empty((steps + 1, model.nv)), np.empty((steps + 1, model.nv))
     path_s = np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0))
     friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss, plant.hysteresis])
     carry(
-        _step_address(), model._address, data._address,
+        _step_addresses(), model._address, data._address,
         data.qpos, data.qvel, data.ctrl, data.qfrc_actuator, data.qfrc_applied, model.dof_frictionloss,
         commands, friction, plant.torque_offset, np.zeros(model.nv), h, path_q, path_w, data.sensordata, path_s,
+        driven, contacts, play,
     )  # fmt: skip
     if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
         raise SimulationFailed(f"the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
@@ -177,12 +214,40 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
         read_w = path_w.copy()
         lag(read_w, 1.0 - float(np.exp(-h / plant.speed_lag_s)))
     if path_s.size:
+        if contacts.radius.size:
+            mujoco.mj_forward(model, data)
+            push(contacts, 0.0)
         mujoco.mj_forward(model, data)
         path_s[-1] = data.sensordata
     place = np.minimum((t_s / h).astype(np.intp), steps - 1)
     x = (t_s / h - place)[:, None]
     position = _between(path_q, path_w, place, x, h) + plant.zero_offset
     return Motion(position, read_w[place] + x * (read_w[place + 1] - read_w[place]), _read_sensors(plant, path_s, t_s, since_s))
+
+
+def _prescribe(plant: Plant, motion: PrescribedMotion | None, steps: int) -> PrescribedArrays:
+    joints = np.array(plant.mechanism.prescribed, dtype=np.intp)
+    if motion is None:
+        return PrescribedArrays(joints[:0], np.empty((steps + 1, 0)), np.empty((steps + 1, 0)))
+    position, speed = motion.sample(np.arange(steps + 1) * plant.step_s)
+    return PrescribedArrays(joints, position - plant.zero_offset[joints], speed)
+
+
+def _contact_arrays(plant: Plant, data: Any) -> ContactArrays:
+    model, laws = plant.model, plant.mechanism.contacts
+    sphere = np.array([model.geom(law.sphere).id for law in laws], dtype=np.intp)
+    plane = np.array([model.geom(law.plane).id for law in laws], dtype=np.intp)
+    return ContactArrays(
+        plant.contact_law, np.array(model.geom_size[sphere, 0]), sphere, plane,
+        model.geom_bodyid[sphere].astype(np.intp), model.geom_bodyid[plane].astype(np.intp), model.body_rootid.astype(np.intp),
+        np.zeros((len(laws), 3)), np.zeros(len(laws)), np.empty((4, 3)),
+        data.geom_xpos, data.geom_xmat, data.xipos, data.subtree_com, data.cvel, data.xfrc_applied,
+    )  # fmt: skip
+
+
+def _play_arrays(plant: Plant) -> PlayArrays:
+    model = plant.model
+    return PlayArrays(plant.spring_half_gap, model.qpos_spring, np.vstack([model.jnt_stiffness, model.jnt_stiffnesspoly.T]))
 
 
 def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Floats:
