@@ -8,12 +8,14 @@ References
 Hunt and Crossley, Journal of Applied Mechanics 42 (1975) 440; Dahl 1968 for the presliding, here linear up to Coulomb's limit.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.errors import BadInput
 from rfca_rig.model.compiled import compiled
 
 Floats = NDArray[np.float64]
@@ -54,11 +56,28 @@ class SphereOnPlane:
         return (self.stiffness_N_per_m1p5, self.damping_s_per_m, self.friction, self.presliding_m, self.drag_N_s_per_m)
 
 
+def check_contacts(model: Any, contacts: Sequence[SphereOnPlane], where: str) -> None:
+    """Raises BadInput, which begins with `where`, for a contact that names no sphere or no plane of MuJoCo's model, or comes twice."""
+    import mujoco  # noqa: PLC0415  (optional)
+
+    kinds = {model.geom(place).name: int(model.geom_type[place]) for place in range(model.ngeom)}
+    for place, contact in enumerate(contacts):
+        for name, kind, word in (
+            (contact.sphere, mujoco.mjtGeom.mjGEOM_SPHERE, "sphere"),
+            (contact.plane, mujoco.mjtGeom.mjGEOM_PLANE, "plane"),
+        ):
+            if kinds.get(name) != int(kind):
+                known = ", ".join(known for known, of in kinds.items() if of == int(kind) and known) or "none with a name"
+                raise BadInput(f"{where}: contacts: {name!r} is no {word} of the model; it has {known}")
+        if any((contact.sphere, contact.plane) == (other.sphere, other.plane) for other in contacts[:place]):
+            raise BadInput(f"{where}: contacts: {contact.sphere!r} on {contact.plane!r} comes twice")
+
+
 class ContactArrays(NamedTuple):
     """What the compiled loop needs of c contacts.
 
     `law` (c, 5), `radius` (c,), geoms and bodies (c,) of sphere and plane, their `root` bodies; `stretch` (c, 3) is how far the lowest
-    point was carried from where it sticks, `normal` (c,) the force in the last step, `work` (4, 3). The others are MuJoCo's own arrays.
+    point was carried from where it sticks, `normal` (c,) the force in the last step, `clock` (1,) the time, `touch_s` (c,) when each first touched, `work` (4, 3). The others are MuJoCo's own arrays.
     """
 
     law: Floats
@@ -70,6 +89,8 @@ class ContactArrays(NamedTuple):
     root: Places
     stretch: Floats
     normal: Floats
+    clock: Floats
+    touch_s: Floats
     work: Floats
     geom_xpos: Floats
     geom_xmat: Floats
@@ -130,7 +151,7 @@ def push(arrays: ContactArrays, h: float) -> None:
             rate -= normal[i] * slip[i]
         law = arrays.law[c]
         N = law[STIFFNESS] * depth * np.sqrt(depth) * max(1.0 + law[DAMPING] * rate, 0.0)
-        arrays.normal[c] = N
+        arrays.normal[c], arrays.touch_s[c] = N, min(arrays.touch_s[c], arrays.clock[0])
         length = 0.0
         for i in range(3):
             slip[i] += rate * normal[i]
@@ -142,3 +163,4 @@ def push(arrays: ContactArrays, h: float) -> None:
             slip[i] = N * normal[i] - law[FRICTION] * N * arrays.stretch[c, i] / law[PRESLIDING] - law[DRAG] * slip[i]
         add_force(arrays, arrays.of_sphere[c], point, slip, 1.0)
         add_force(arrays, arrays.of_plane[c], point, slip, -1.0)
+    arrays.clock[0] += h

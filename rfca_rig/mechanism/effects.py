@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.mechanism.load import Mechanism
+from rfca_rig.mechanism.nuisances import PLACEHOLDER
 from rfca_rig.mechanism.plant import (
     Change,
     Plant,
@@ -35,7 +36,10 @@ FAR = 1e6  # rad or m: the end of a range that has none
 
 @dataclass(frozen=True)
 class _Law:
-    """A law with one size per joint (or actuator): `low` and `high` (k,) are its plausible range, `change` puts it into a plant."""
+    """A law with one size per joint (or actuator): `low` and `high` (k,) are its plausible range, `change` puts it into a plant.
+
+    `groups` are names and places, within `places`, of those that share a size; each has its own where there are none.
+    """
 
     id: str
     left_out: str
@@ -50,6 +54,7 @@ class _Law:
     change: Change
     noun: str = "joint"
     variant_of: str = ""
+    groups: tuple[tuple[str, tuple[int, ...]], ...] = ()
 
 
 def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
@@ -70,13 +75,17 @@ def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
 
 
 def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[_Law]:
-    joints, everywhere = mechanism.joints, tuple(range(len(mechanism.joints)))
+    joints, moving = mechanism.joints, mechanism.simulated
+    sprung = tuple(joint for joint in moving if mechanism.has_spring(joint))
 
     def per_joint(
-        id_: str, words: str, law: str, quantity: str, units: tuple[str, str], size: Floats, change: Change, of: str = ""
-    ) -> _Law:
+        id_: str, words: str, law: str, quantity: str, units: tuple[str, str], size: Floats, change: Change, of: str = "",
+        source: str = "MuJoCo, XML reference", places: tuple[int, ...] = moving,
+    ) -> _Law:  # fmt: skip
         names, low, high = _units(mechanism, *units), SMALLEST * size, LARGEST * size
-        return _Law(id_, words, law, "MuJoCo, XML reference", quantity, names, joints, everywhere, low, high, change, variant_of=of)
+        chosen, at = list(places), tuple(joints[place] for place in places)
+        return _Law(id_, words, law, source, quantity, tuple(names[place] for place in places), at, places, low[chosen], high[chosen],
+                    change, variant_of=of, groups=_group(mechanism, at))  # fmt: skip
 
     torque, speed = usual.torque, usual.speed
     yield per_joint("joint_friction", "dry friction of the joints and their gears", "T = T_c sgn(w)", "torque", ("Nm", "N"),
@@ -89,7 +98,11 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[_Law]:
                     usual.inertia, add_to("dof_armature"))  # fmt: skip
     yield per_joint("joint_spring", "a spring in the joints", "T = k (q - q_0), q_0 of the model file", "stiffness",
                     ("Nm_per_rad", "N_per_m"), torque / usual.travel, add_to("jnt_stiffness"))  # fmt: skip
-    driven = tuple(int(joint) for joint in np.flatnonzero(mechanism.driven))
+    if sprung:
+        yield per_joint("joint_spring_play", "play before the springs of the joints engage",
+                        "the spring's torque at q - q_0 less half the gap, 0 within the gap", "half_gap", ("rad", "m"), usual.travel,
+                        _add_play, source="dead zone", places=sprung)  # fmt: skip
+    driven = tuple(joint for joint in moving if mechanism.driven[joint])
     if usual.is_driven and driven:
         ones = np.ones(len(driven))
         yield _Law("joint_load_friction", "friction of the gears that grows with the torque they transmit", "T = loss |tau| sgn(w)",
@@ -100,6 +113,10 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[_Law]:
         ones = np.ones(len(shown))
         yield _Law("torque_scale", "scale of the recorded commands wrong", "tau = factor tau_recorded", "torque constant of the motors",
                    "factor", ("",) * len(shown), actuators, shown, 0.3 * ones, 3.0 * ones, _scale_command, "actuator")  # fmt: skip
+
+
+def _add_play(plant: Plant, joint: int, value: float) -> None:
+    plant.spring_half_gap[joint] += value
 
 
 def _add_load_loss(plant: Plant, joint: int, value: float) -> None:
@@ -122,14 +139,17 @@ def _name(*parts: str) -> str:
 def _in_all_and_in_one(law: _Law) -> Iterator[Effect]:
     """The law in all its joints, and where there are several in one of them."""
     places, many = law.places, len(law.places) > 1
-    names = [_name(one if many else "", law.quantity, unit) for one, unit in zip(law.objects, law.units, strict=True)]
+    groups = law.groups or tuple((one, (place,)) for place, one in enumerate(law.objects))
+    names = [_name(one if len(groups) > 1 else "", law.quantity, law.units[members[0]]) for one, members in groups]
 
     def in_all(plant: Plant, values: Values) -> Plant:
-        for place, name in zip(places, names, strict=True):
-            law.change(plant, place, values[name])
+        for (_, members), name in zip(groups, names, strict=True):
+            for member in members:
+                law.change(plant, places[member], values[name])
         return plant
 
-    parameters = tuple(Parameter(n, float(a), float(b), may_be_zero=False) for n, a, b in zip(names, law.low, law.high, strict=True))
+    ranges = [(float(law.low[list(members)].min()), float(law.high[list(members)].max())) for _, members in groups]
+    parameters = tuple(Parameter(name, low, high, may_be_zero=False) for name, (low, high) in zip(names, ranges, strict=True))
     yield Effect(law.id, JOINTS, law.left_out, law.law, law.source, parameters, in_all, variant_of=law.variant_of)
     if many:
         size = _name(law.quantity, law.units[0] if len(set(law.units)) == 1 else "SI")
@@ -144,12 +164,24 @@ def _in_all_and_in_one(law: _Law) -> Iterator[Effect]:
         yield Effect(f"{law.id}_of_one", JOINTS, words, law.law, law.source, (counted, sized), in_one, variant_of=law.variant_of or law.id)
 
 
-def _torques(mechanism: Mechanism, usual: UsualMotion) -> list[Parameter]:
-    """A torque of each joint."""
-    joints, units = mechanism.joints, _units(mechanism, "Nm", "N")
-    names = [_name(joint if len(joints) > 1 else "", "torque", unit) for joint, unit in zip(joints, units, strict=True)]
-    low, high = SMALLEST * usual.torque, LARGEST * usual.torque
-    return [Parameter(name, float(a), float(b), may_be_zero=False) for name, a, b in zip(names, low, high, strict=True)]
+def _group(mechanism: Mechanism, names: tuple[str, ...]) -> tuple[tuple[str, tuple[int, ...]], ...]:
+    """The places of those of one make, by the name of their group, or of the only one."""
+    found = {name: members for name, of_make in mechanism.alike.items() if (members := tuple(names.index(n) for n in of_make if n in names))}
+    grouped = {member for members in found.values() for member in members}
+    single = {name: (place,) for place, name in enumerate(names) if place not in grouped}
+    return tuple({**single, **found}.items())
+
+
+def _torques(mechanism: Mechanism, usual: UsualMotion) -> list[tuple[Parameter, list[int]]]:
+    """A torque of each joint, or of all of one make, and the joints' places."""
+    moving, units = mechanism.simulated, _units(mechanism, "Nm", "N")
+    groups = _group(mechanism, tuple(mechanism.joints[place] for place in moving))
+    found = []
+    for group, members in groups:
+        places = [moving[member] for member in members]
+        name, torque = _name(group if len(groups) > 1 else "", "torque", units[places[0]]), usual.torque[places]
+        found.append((Parameter(name, SMALLEST * float(torque.min()), LARGEST * float(torque.max()), may_be_zero=False), places))
+    return found
 
 
 def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
@@ -157,7 +189,8 @@ def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     torques = _torques(mechanism, usual)
 
     def apply(plant: Plant, values: Values) -> Plant:
-        plant.stribeck[0] += [values[torque.name] for torque in torques]
+        for torque, places in torques:
+            plant.stribeck[0, places] += values[torque.name]
         plant.stribeck[1] = values["rise_relative"]
         plant.stribeck[2] = values["speed_relative"] * usual.speed
         return plant
@@ -165,7 +198,7 @@ def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     shape = (Parameter("rise_relative", 0.25, 2.5), Parameter("speed_relative", 0.03, 1.0, may_be_zero=False))
     yield Effect("joint_stribeck", JOINTS, "dry friction of the joints that falls with speed",
                  "T = T_c (1 + rise exp(-|w| / w_s)) sgn(w), w_s a share of the usual speed", "Stribeck 1902, exponential form",
-                 (*torques, *shape), apply)  # fmt: skip
+                 (*(torque for torque, _ in torques), *shape), apply)  # fmt: skip
 
 
 def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
@@ -176,13 +209,14 @@ def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     torques = _torques(mechanism, usual)
 
     def apply(plant: Plant, values: Values) -> Plant:
-        plant.hysteresis[0] += [values[torque.name] for torque in torques]
+        for torque, places in torques:
+            plant.hysteresis[0, places] += values[torque.name]
         plant.hysteresis[1] = values["bend_relative"] * usual.travel
         return plant
 
     bend = Parameter("bend_relative", 0.03, 1.0, may_be_zero=False)
     yield Effect("joint_hysteresis", JOINTS, "hysteresis of the joints: friction that builds up over an angle",
-                 "T = T_h z, z' = (w / b) (1 - z sgn(w)), b a share of the usual travel", "Dahl 1968", (*torques, bend), apply,
+                 "T = T_h z, z' = (w / b) (1 - z sgn(w)), b a share of the usual travel", "Dahl 1968", (*(torque for torque, _ in torques), bend), apply,
                  variant_of="joint_stribeck")  # fmt: skip
 
 
@@ -191,14 +225,14 @@ def _stop(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     middle, half = usual.middle, usual.half_range
 
     def apply(plant: Plant, values: Values) -> Plant:
-        joint, share = int(values["joint"]) - 1, values["position_relative"]
+        joint, share = mechanism.simulated[int(values["joint"]) - 1], values["position_relative"]
         at = middle[joint] + share * half[joint]
         plant.model.jnt_limited[joint] = 1
         plant.model.jnt_range[joint] = (-FAR, at) if share > 0.0 else (at, FAR)
         return plant
 
     if not mechanism.model.jnt_limited.any():
-        counted = Parameter("joint", 1.0, float(len(mechanism.joints)), may_be_zero=False, whole=True)
+        counted = Parameter("joint", 1.0, float(len(mechanism.simulated)), may_be_zero=False, whole=True)
         share = Parameter("position_relative", -0.98, 0.98)
         yield Effect("joint_stop", JOINTS, "a stop within the travel of a joint",
                      "MuJoCo's limit at a share of half the travel from its middle, above it where the share is positive",
@@ -329,7 +363,8 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
     if np.any(model.opt.gravity != 0.0):
         angles = (Parameter("about_x_rad", -0.2, 0.2), Parameter("about_y_rad", -0.2, 0.2))
         yield Effect("gravity_tilt", "rig", "rig not plumb", "gravity turned about the world's x and y axis", "-", angles, tilt)
-    heavy = [place for place in range(1, model.nbody) if model.body_mass[place] > 0.0 and model.body_weldid[place] != 0]
+    least_kg = PLACEHOLDER * float(model.body_mass.sum())
+    heavy = [place for place in range(1, model.nbody) if model.body_mass[place] > least_kg and model.body_weldid[place] != 0]
 
     def load(plant: Plant, values: Values) -> Plant:
         body = heavy[int(values["body"]) - 1]

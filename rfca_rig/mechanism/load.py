@@ -85,6 +85,10 @@ class Mechanism:
         """Places of the joints whose motion the model decides."""
         return tuple(joint for joint in range(len(self.joints)) if joint not in self.prescribed)
 
+    def has_spring(self, joint: int) -> bool:
+        """Whether the joint of this place has a spring of its own."""
+        return bool(self.model.jnt_stiffness[joint] != 0.0 or np.any(self.model.jnt_stiffnesspoly[joint] != 0.0))
+
     @property
     def sensor_values(self) -> dict[str, tuple[int, str]]:
         """Place in `sensordata` and SI unit of each single value, by the sensor's name and, where it has three, the component."""

@@ -44,11 +44,15 @@ class CommandTrace:
 
 @dataclass(frozen=True)
 class Motion:
-    """What would be read, (k, ...): positions and speeds of the joints in rad and rad/s or m and m/s, and the sensors in SI units."""
+    """What would be read, (k, ...): positions and speeds of the joints in rad and rad/s or m and m/s, and the sensors in SI units.
+
+    `touch_s` (c,) is when each contact that has a law of its own first touched, inf where it never did.
+    """
 
     position: Floats
     speed: Floats
     sensors: Floats
+    touch_s: Floats
 
 
 @cache
@@ -222,7 +226,7 @@ def roll(
     place = np.minimum((t_s / h).astype(np.intp), steps - 1)
     x = (t_s / h - place)[:, None]
     position = _between(path_q, path_w, place, x, h) + plant.zero_offset
-    return Motion(position, read_w[place] + x * (read_w[place + 1] - read_w[place]), _read_sensors(plant, path_s, t_s, since_s))
+    return Motion(position, read_w[place] + x * (read_w[place + 1] - read_w[place]), _read_sensors(plant, path_s, t_s, since_s), contacts.touch_s)
 
 
 def _prescribe(plant: Plant, motion: PrescribedMotion | None, steps: int) -> PrescribedArrays:
@@ -240,7 +244,7 @@ def _contact_arrays(plant: Plant, data: Any) -> ContactArrays:
     return ContactArrays(
         plant.contact_law, np.array(model.geom_size[sphere, 0]), sphere, plane,
         model.geom_bodyid[sphere].astype(np.intp), model.geom_bodyid[plane].astype(np.intp), model.body_rootid.astype(np.intp),
-        np.zeros((len(laws), 3)), np.zeros(len(laws)), np.empty((4, 3)),
+        np.zeros((len(laws), 3)), np.zeros(len(laws)), np.zeros(1), np.full(len(laws), np.inf), np.empty((4, 3)),
         data.geom_xpos, data.geom_xmat, data.xipos, data.subtree_com, data.cvel, data.xfrc_applied,
     )  # fmt: skip
 
