@@ -211,6 +211,8 @@ class KnownToMechanism(Section):
     contact_friction_relative: Positive | None = None
     contact_presliding_relative: Positive | None = None
     contact_drag_relative: Positive | None = None
+    start_swing_relative: Positive | None = None
+    start_swing_rate_per_s: Positive | None = None
     torque_error_relative: Annotated[float, Field(ge=0.001, le=0.2)] | None = None
 
 

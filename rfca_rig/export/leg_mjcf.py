@@ -19,6 +19,7 @@ from rfca_rig.analysis.valley import valley_and_phases
 from rfca_rig.campaign.opening import open_with_belief
 from rfca_rig.description.toml_writing import comment, written
 from rfca_rig.diagnosis.diagnose import PreparedData, prepare_data
+from rfca_rig.diagnosis.leg.nuisances import SAGS, SAGS_PER_S
 from rfca_rig.diagnosis.leg.strokes import FlapCondition
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.leg_file import FLOOR, RACK, SENSOR, SHAFT, end_names, hinge_names, link_names, write_leg_mjcf
@@ -145,7 +146,7 @@ def _priors(rig: RigModel, known_to: Mapping[str, float]) -> dict[str, float]:
     }
     found = {name: factor * known_to[key] for key, (name, factor) in keys.items() if known_to.get(key)}
     seldom = ("contact_damping_relative", "contact_presliding_relative", "contact_drag_relative")
-    return {**found, **dict.fromkeys(seldom, SELDOM_MEASURED)}
+    return {**found, **dict.fromkeys(seldom, SELDOM_MEASURED), "start_swing_relative": SAGS, "start_swing_rate_per_s": SAGS_PER_S}
 
 
 def _left_out(rig: RigModel, recordings: Sequence[Recording], prepared: PreparedData) -> list[str]:

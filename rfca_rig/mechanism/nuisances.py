@@ -133,6 +133,14 @@ def _of_contacts(scale: Callable[[Plant, float], None]) -> Change:
     return change
 
 
+def _swing(plant: Plant, place: int, share: float) -> None:  # noqa: ARG001
+    plant.start_swing += share
+
+
+def _swing_rate(plant: Plant, place: int, by_per_s: float) -> None:  # noqa: ARG001
+    plant.start_swing_rate_per_s += by_per_s
+
+
 def _delay(plant: Plant, place: int, by_s: float) -> None:  # noqa: ARG001
     plant.command_delay_s += by_s
 
@@ -162,10 +170,13 @@ NUISANCES: Mapping[str, NuisanceKind] = {
     "command_delay_s": NuisanceKind("s", "rig", _delay),
     "sensor_offset_N": NuisanceKind("N", "force sensors", _sensor_offset),
     "sensor_offset_Nm": NuisanceKind("N m", "torque sensors", _sensor_offset),
+    "start_swing_relative": NuisanceKind("", "rig", _swing),
+    "start_swing_rate_per_s": NuisanceKind("1/s", "rig", _swing_rate),
     "contact_stiffness_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_stiffness)),
     "contact_damping_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_damping)),
     "contact_friction_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_friction)),
     "contact_presliding_relative": NuisanceKind("", "contact laws", _law(PRESLIDING)),
     "contact_drag_relative": NuisanceKind("", "contact laws", _law(DRAG)),
 }
+OF_RESTS = ("start_swing_relative", "start_swing_rate_per_s")  # of motions that start at rest
 OF_COMMANDS = ("torque_offset_Nm", "force_offset_N", "command_gain_relative", "command_delay_s")  # without commands they change nothing

@@ -53,6 +53,9 @@ class Plant:
         (c, 5) numbers of the contacts that have a law of their own; see `SphereOnPlane`.
     spring_half_gap
         (n,) play to either side of each joint's rest position, within which its spring does nothing.
+    start_swing, start_swing_rate_per_s
+        How far a start at rest is from equilibrium, as a share of the way to the pose in which the springs are free, and how fast it moves
+        that way.
     """
 
     mechanism: Mechanism
@@ -78,6 +81,8 @@ class Plant:
     sensor_delay_s: float = 0.0
     contact_law: Floats = field(default_factory=lambda: np.empty((0, 5)))
     spring_half_gap: Floats = field(default_factory=lambda: np.empty(0))
+    start_swing: float = 0.0
+    start_swing_rate_per_s: float = 0.0
 
     @property
     def reads_sensors(self) -> bool:

@@ -198,6 +198,10 @@ def roll(
     if position is None or speed is None:
         data.qpos[driven.joints] = driven.position[0]
         hang(model, data, np.array(plant.mechanism.simulated, dtype=np.intp), plant.torque_offset, contacts, play)
+        sprung = [joint for joint in plant.mechanism.simulated if plant.mechanism.has_spring(joint)]
+        lift = model.qpos_spring[sprung] - data.qpos[sprung]
+        data.qpos[sprung] += plant.start_swing * lift
+        data.qvel[sprung] = plant.start_swing_rate_per_s * lift
     else:
         data.qpos[:], data.qvel[:] = position - plant.zero_offset, speed
     data.qfrc_applied[:] = plant.torque_offset

@@ -26,6 +26,7 @@ from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.contact_law import check_contacts
+from rfca_rig.mechanism.nuisances import OF_RESTS
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.prescribed import fit_trajectory
 from rfca_rig.mechanism.rollout import CommandTrace, Motion
@@ -306,8 +307,8 @@ def assign_roles(experiment: Experiment, mechanism: Mechanism) -> Mechanism:
             f"{where}: no signal holds the position of joint {name!r}, so its start cannot be estimated; "
             'measure it, or record from rest and state = "at rest" in [start]'
         )
-    if not experiment.signals:
-        raise BadInput(f"{where}: no signal")
+    if not experiment.starts_at_rest and (key := next((key for key in OF_RESTS if key in experiment.known_to), None)):
+        raise BadInput(f'{where}: known_to.{key} is of motions from rest; remove it, or state = "at rest" in [start]')
     names = {*mechanism.joints, *mechanism.bodies, *mechanism.actuators}
     members = [member for group_ in experiment.alike.values() for member in group_]
     for place, member in enumerate(members):
