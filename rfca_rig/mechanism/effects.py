@@ -161,6 +161,8 @@ def _in_all_and_in_one(law: _Law) -> Iterator[Effect]:
         counted = Parameter(law.noun, 1.0, float(len(places)), may_be_zero=False, whole=True)
         sized = Parameter(size, float(law.low.min()), float(law.high.max()), may_be_zero=False)
         words = f"{law.left_out}, of one {law.noun}"
+        if places != tuple(range(len(places))):  # numbers are not those of the model
+            words += f" ({', '.join(f'{number} is {name}' for number, name in enumerate(law.objects, start=1))})"
         yield Effect(f"{law.id}_of_one", JOINTS, words, law.law, law.source, (counted, sized), in_one, variant_of=law.variant_of or law.id)
 
 

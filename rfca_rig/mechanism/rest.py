@@ -41,6 +41,19 @@ def hang(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats, con
     friction = model.dof_frictionloss.copy()
     model.dof_frictionloss[:] = 0.0
     data.qvel[:] = 0.0
+    try:
+        _balance(model, data, simulated, steady, contacts, play._replace(half_gap=np.zeros_like(play.half_gap)))
+        if play.half_gap.any():  # within its gap a spring does not say where to: seek from where it engages
+            data.qpos[simulated] += (np.sign(data.qpos - play.rest) * play.half_gap)[simulated]
+            _balance(model, data, simulated, steady, contacts, play)
+    finally:
+        model.dof_frictionloss[:] = friction
+    contacts.clock[:], contacts.touch_s[:], contacts.stretch[:] = 0.0, np.inf, 0.0
+
+
+def _balance(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats, contacts: ContactArrays, play: PlayArrays) -> None:
+    import mujoco  # noqa: PLC0415  (optional)
+
     largest = 0.0
 
     def unbalanced(pose: Floats) -> Floats:
@@ -56,13 +69,7 @@ def hang(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats, con
         largest = max(largest, float(np.abs(data.qfrc_bias).max()))
         return np.array((data.qfrc_smooth + data.qfrc_constraint)[simulated])
 
-    try:
-        if simulated.size:
-            found = root(unbalanced, data.qpos[simulated].copy(), tol=1e-12)
-            left = float(np.abs(unbalanced(found.x)).max())
-            if not left <= UNBALANCED * max(largest, 1e-3):
-                raise SimulationFailed(f"no rest pose found: {left:.2g} N m or N stay unbalanced; start it estimated, or check the model")
-        else:
-            unbalanced(np.empty(0))
-    finally:
-        model.dof_frictionloss[:] = friction
+    found = root(unbalanced, data.qpos[simulated].copy(), tol=1e-12)
+    left = float(np.abs(unbalanced(found.x)).max())
+    if not left <= UNBALANCED * max(largest, 1e-3):
+        raise SimulationFailed(f"no rest pose found: {left:.2g} N m or N stay unbalanced; start it estimated, or check the model")
