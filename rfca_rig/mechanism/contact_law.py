@@ -31,7 +31,7 @@ class SphereOnPlane:
     Parameters
     ----------
     sphere, plane
-        Names of the geoms.
+        Names of the geoms; MuJoCo's planes stand still.
     stiffness_N_per_m1p5, damping_s_per_m
         Of the normal force.
     friction
@@ -76,16 +76,15 @@ def check_contacts(model: Any, contacts: Sequence[SphereOnPlane], where: str) ->
 class ContactArrays(NamedTuple):
     """What the compiled loop needs of c contacts.
 
-    `law` (c, 5), `radius` (c,), geoms and bodies (c,) of sphere and plane, their `root` bodies; `stretch` (c, 3) is how far the lowest
-    point was carried from where it sticks, `normal` (c,) the force in the last step, `clock` (1,) the time, `touch_s` (c,) when each first touched, `work` (4, 3). The others are MuJoCo's own arrays.
+    `law` (c, 5), `radius` (c,), geoms (c,) of sphere and plane, the sphere's `body` and the `root` of each body; `stretch` (c, 3) is how far the lowest
+    point was carried from where it sticks, `normal` (c,) the force in the last step, `clock` (1,) the time, `touch_s` (c,) when each first touched, `work` (3, 3). The others are MuJoCo's own arrays.
     """
 
     law: Floats
     radius: Floats
     sphere: Places
     plane: Places
-    of_sphere: Places
-    of_plane: Places
+    body: Places
     root: Places
     stretch: Floats
     normal: Floats
@@ -111,25 +110,23 @@ def velocity_at(arrays: ContactArrays, body: int, point: Floats, out: Floats) ->
 
 
 @compiled
-def add_force(arrays: ContactArrays, body: int, point: Floats, force: Floats, sign: float) -> None:
-    """Adds a force at a point to what acts on a body from outside; the world bears it without moving."""
-    if body > 0:
-        wrench, centre = arrays.xfrc_applied[body], arrays.xipos[body]
-        x, y, z = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
-        for i in range(3):
-            wrench[i] += sign * force[i]
-        wrench[3] += sign * (y * force[2] - z * force[1])
-        wrench[4] += sign * (z * force[0] - x * force[2])
-        wrench[5] += sign * (x * force[1] - y * force[0])
+def add_force(arrays: ContactArrays, body: int, point: Floats, force: Floats) -> None:
+    """Adds a force at a point to what acts on a body from outside."""
+    wrench, centre = arrays.xfrc_applied[body], arrays.xipos[body]
+    x, y, z = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
+    for i in range(3):
+        wrench[i] += force[i]
+    wrench[3] += y * force[2] - z * force[1]
+    wrench[4] += z * force[0] - x * force[2]
+    wrench[5] += x * force[1] - y * force[0]
 
 
 @compiled
 def push(arrays: ContactArrays, h: float) -> None:
     """Writes the forces of all contacts as MuJoCo's outer forces, and carries the sticking points on by a step of `h` [s]."""
-    point, normal, slip, other = arrays.work[0], arrays.work[1], arrays.work[2], arrays.work[3]
+    point, normal, slip = arrays.work[0], arrays.work[1], arrays.work[2]
     for c in range(arrays.radius.size):
-        arrays.xfrc_applied[arrays.of_sphere[c], :] = 0.0
-        arrays.xfrc_applied[arrays.of_plane[c], :] = 0.0
+        arrays.xfrc_applied[arrays.body[c], :] = 0.0
     for c in range(arrays.radius.size):
         sphere, plane = arrays.sphere[c], arrays.plane[c]
         height = 0.0
@@ -143,11 +140,9 @@ def push(arrays: ContactArrays, h: float) -> None:
             continue
         for i in range(3):
             point[i] = arrays.geom_xpos[sphere, i] - arrays.radius[c] * normal[i]
-        velocity_at(arrays, arrays.of_sphere[c], point, slip)
-        velocity_at(arrays, arrays.of_plane[c], point, other)
+        velocity_at(arrays, arrays.body[c], point, slip)
         rate = 0.0
         for i in range(3):
-            slip[i] -= other[i]
             rate -= normal[i] * slip[i]
         law = arrays.law[c]
         N = law[STIFFNESS] * depth * np.sqrt(depth) * max(1.0 + law[DAMPING] * rate, 0.0)
@@ -161,6 +156,5 @@ def push(arrays: ContactArrays, h: float) -> None:
         for i in range(3):
             arrays.stretch[c, i] *= reach
             slip[i] = N * normal[i] - law[FRICTION] * N * arrays.stretch[c, i] / law[PRESLIDING] - law[DRAG] * slip[i]
-        add_force(arrays, arrays.of_sphere[c], point, slip, 1.0)
-        add_force(arrays, arrays.of_plane[c], point, slip, -1.0)
+        add_force(arrays, arrays.body[c], point, slip)
     arrays.clock[0] += h

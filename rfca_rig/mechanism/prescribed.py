@@ -61,7 +61,7 @@ def fit_trajectory(t_s: Floats, position: Floats, smoothed_s: Sequence[float]) -
             slope = fitted.derivative()(t_s)
             pieces.append(CubicHermiteSpline(t_s, column, slope).c)
         else:
-            pieces.append(CubicSpline(t_s, column, bc_type="natural").c)
+            pieces.append(CubicSpline(t_s, column).c)
     return PrescribedMotion(PPoly(np.stack(pieces, axis=2), breaks))
 
 

@@ -60,7 +60,7 @@ def _balance(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats,
         nonlocal largest
         data.qpos[simulated] = pose
         data.qfrc_applied[:] = steady
-        close_gaps(play, data.qpos, data.qfrc_applied)
+        close_gaps(play, data.qpos, data.qvel, data.qfrc_applied)
         mujoco.mj_forward(model, data)
         if contacts.radius.size:
             contacts.stretch[:] = 0.0

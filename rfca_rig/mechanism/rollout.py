@@ -121,7 +121,7 @@ def carry(
         for i in range(q.size):
             applied[i] = offset[i]
         prescribe(prescribed, k, h, q, w, applied)
-        close_gaps(play, q, applied)
+        close_gaps(play, q, w, applied)
         for i in range(q.size):
             path_q[k, i], path_w[k, i] = q[i], w[i]
             rise = friction[2, i] * np.exp(-abs(w[i]) / friction[3, i]) if friction[1, i] > 0.0 else 0.0
@@ -247,15 +247,16 @@ def _contact_arrays(plant: Plant, data: Any) -> ContactArrays:
     plane = np.array([model.geom(law.plane).id for law in laws], dtype=np.intp)
     return ContactArrays(
         plant.contact_law, np.array(model.geom_size[sphere, 0]), sphere, plane,
-        model.geom_bodyid[sphere].astype(np.intp), model.geom_bodyid[plane].astype(np.intp), model.body_rootid.astype(np.intp),
-        np.zeros((len(laws), 3)), np.zeros(len(laws)), np.zeros(1), np.full(len(laws), np.inf), np.empty((4, 3)),
+        model.geom_bodyid[sphere].astype(np.intp), model.body_rootid.astype(np.intp),
+        np.zeros((len(laws), 3)), np.zeros(len(laws)), np.zeros(1), np.full(len(laws), np.inf), np.empty((3, 3)),
         data.geom_xpos, data.geom_xmat, data.xipos, data.subtree_com, data.cvel, data.xfrc_applied,
     )  # fmt: skip
 
 
 def _play_arrays(plant: Plant) -> PlayArrays:
     model = plant.model
-    return PlayArrays(plant.spring_half_gap, model.qpos_spring, np.vstack([model.jnt_stiffness, model.jnt_stiffnesspoly.T]))
+    ahead_s = 0.0 if plant.mechanism.is_implicit else 0.5 * plant.step_s
+    return PlayArrays(plant.spring_half_gap, model.qpos_spring, np.vstack([model.jnt_stiffness, model.jnt_stiffnesspoly.T]), ahead_s)
 
 
 def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Floats:
