@@ -116,9 +116,7 @@ def read_experiment(folder: Path) -> Experiment:
             for p in described.prescribed
         ),
         contacts=tuple(
-            SphereOnPlane(
-                sphere, c.plane, c.stiffness_N_per_m1p5, c.damping_s_per_m, c.friction, c.presliding_mm / 1e3, c.drag_N_s_per_m
-            )
+            SphereOnPlane(sphere, c.plane, c.stiffness_N_per_m1p5, c.damping_s_per_m, c.friction, c.presliding_mm / 1e3, c.drag_N_s_per_m)
             for c in described.contacts
             for sphere in c.spheres
         ),

@@ -251,7 +251,7 @@ class ExperimentFile(Section):
     prescribed: Annotated[tuple[PrescribedSection, ...], Field(strict=False)] = ()
     contacts: Annotated[tuple[ContactSection, ...], Field(strict=False)] = ()
     start: StartSection = StartSection()
-    alike: dict[Text, Annotated[tuple[Text, ...], Field(strict=False, min_length=2)]] = {}
+    alike: dict[Text, Annotated[tuple[Text, ...], Field(strict=False, min_length=2)]] = Field(default_factory=dict)
     known_to: KnownToMechanism = KnownToMechanism()
     windows: WindowsSection = WindowsSection()
     recordings: Annotated[tuple[RecordingSection, ...], Field(strict=False, min_length=1)]

@@ -168,7 +168,9 @@ def _in_all_and_in_one(law: _Law) -> Iterator[Effect]:
 
 def _group(mechanism: Mechanism, names: tuple[str, ...]) -> tuple[tuple[str, tuple[int, ...]], ...]:
     """The places of those of one make, by the name of their group, or of the only one."""
-    found = {name: members for name, of_make in mechanism.alike.items() if (members := tuple(names.index(n) for n in of_make if n in names))}
+    found = {
+        name: members for name, of_make in mechanism.alike.items() if (members := tuple(names.index(n) for n in of_make if n in names))
+    }
     grouped = {member for members in found.values() for member in members}
     single = {name: (place,) for place, name in enumerate(names) if place not in grouped}
     return tuple({**single, **found}.items())
@@ -218,7 +220,8 @@ def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 
     bend = Parameter("bend_relative", 0.03, 1.0, may_be_zero=False)
     yield Effect("joint_hysteresis", JOINTS, "hysteresis of the joints: friction that builds up over an angle",
-                 "T = T_h z, z' = (w / b) (1 - z sgn(w)), b a share of the usual travel", "Dahl 1968", (*(torque for torque, _ in torques), bend), apply,
+                 "T = T_h z, z' = (w / b) (1 - z sgn(w)), b a share of the usual travel", "Dahl 1968",
+                 (*(torque for torque, _ in torques), bend), apply,
                  variant_of="joint_stribeck")  # fmt: skip
 
 

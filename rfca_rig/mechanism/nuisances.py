@@ -48,10 +48,9 @@ class NuisanceKind:
 
 def places_of(mechanism: Mechanism, objects: str) -> dict[str, int]:
     """Names and places of the objects that a kind of nuisance parameter belongs to."""
-    if objects in ("rig", "contacts"):
-        return {"": 0} if objects == "rig" or mechanism.has_contacts else {}
-    if objects == "contact laws":
-        return {"": 0} if mechanism.contacts else {}
+    of_all = {"rig": True, "contacts": mechanism.has_contacts, "contact laws": bool(mechanism.contacts)}
+    if objects in of_all:
+        return {"": 0} if of_all[objects] else {}
     if objects in SENSORS:
         return {name: place for name, (place, unit) in mechanism.sensor_values.items() if unit == SENSORS[objects]}
     if objects == "bodies":

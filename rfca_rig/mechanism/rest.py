@@ -36,8 +36,6 @@ def hang(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats, con
     SimulationFailed
         Where no equilibrium is found.
     """
-    import mujoco  # noqa: PLC0415  (optional)
-
     friction = model.dof_frictionloss.copy()
     model.dof_frictionloss[:] = 0.0
     data.qvel[:] = 0.0

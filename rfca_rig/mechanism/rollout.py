@@ -230,14 +230,16 @@ def roll(
     place = np.minimum((t_s / h).astype(np.intp), steps - 1)
     x = (t_s / h - place)[:, None]
     position = _between(path_q, path_w, place, x, h) + plant.zero_offset
-    return Motion(position, read_w[place] + x * (read_w[place + 1] - read_w[place]), _read_sensors(plant, path_s, t_s, since_s), contacts.touch_s)
+    return Motion(
+        position, read_w[place] + x * (read_w[place + 1] - read_w[place]), _read_sensors(plant, path_s, t_s, since_s), contacts.touch_s
+    )
 
 
 def _prescribe(plant: Plant, motion: PrescribedMotion | None, steps: int) -> PrescribedArrays:
     joints = np.array(plant.mechanism.prescribed, dtype=np.intp)
     if motion is None:
         return PrescribedArrays(joints[:0], np.empty((steps + 1, 0)), np.empty((steps + 1, 0)))
-    position, speed = motion.sample(np.arange(steps + 1) * plant.step_s)
+    position, speed = motion.sample(np.arange(steps + 1, dtype=np.float64) * plant.step_s)
     return PrescribedArrays(joints, position - plant.zero_offset[joints], speed)
 
 

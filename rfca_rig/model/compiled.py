@@ -1,7 +1,8 @@
 """Compiles a function, and keeps the result on disk for the next process.
 
 The compiler's own cache notices an edit only in the file of the function itself, not in the files it calls. Here the cache
-folder is named after the content of all compiled files of this room and of `mechanism`, so an edited or upgraded package never runs stale code.
+folder is named after the content of all compiled files of this room and of `mechanism`, so an edited or upgraded package never runs stale
+code.
 """
 
 import hashlib

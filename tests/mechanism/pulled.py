@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tests.mechanism.arm import SAMPLE_S, Arm, _advance, mjcf
+from tests.mechanism.arm import SAMPLE_S, _advance, mjcf
 
 SECONDS = 2.5
 
@@ -35,8 +35,8 @@ title = "pulled double pendulum"
 model = "model.xml"
 time = {{ column = "t", unit = "s" }}
 signals = [
-  {{ joint = "joint1", quantity = "position", column = "q1", unit = "rad" }},
-  {{ joint = "joint1", quantity = "speed", column = "w1", unit = "rad/s" }},
+  {{ joint = "joint1", quantity = "position", column = "q1", unit = "rad", noise_std = {nominal.angle_error_rad} }},
+  {{ joint = "joint1", quantity = "speed", column = "w1", unit = "rad/s", noise_std = {nominal.speed_error_rad_s} }},
 ]
 commands = [{{ actuator = "motor1", column = "tau1", unit = "N m" }}]
 recordings = [{", ".join(runs)}]

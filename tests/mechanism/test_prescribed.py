@@ -51,9 +51,7 @@ def test_a_prescribed_joint_moves_the_others_as_it_is_told(tmp_path, integrator)
     read_s = np.arange(0.0, 2.05, 0.001)
     motion = fit_trajectory(read_s, 0.6 * np.sin(4.0 * read_s)[:, None] ** 2, [0.0])
     found = roll(make_plant(mechanism, 5e-4), replace(STILL, command=np.zeros((2, 1))), np.zeros(2), np.zeros(2), T_S, 0.0, motion)
-    rate = second_rod(
-        lambda t: 0.6 * np.sin(4.0 * t) ** 2, lambda t: 2.4 * np.sin(8.0 * t), lambda t: 19.2 * np.cos(8.0 * t)
-    )
+    rate = second_rod(lambda t: 0.6 * np.sin(4.0 * t) ** 2, lambda t: 2.4 * np.sin(8.0 * t), lambda t: 19.2 * np.cos(8.0 * t))
     own = solve_ivp(rate, (0.0, 2.0), [0.0, 0.0], t_eval=T_S, rtol=1e-10, atol=1e-12).y
     assert np.abs(found.position[:, 0] - 0.6 * np.sin(4.0 * T_S) ** 2).max() < 1e-6
     assert np.abs(own[0]).max() > 0.5

@@ -23,9 +23,9 @@ from rfca_rig.diagnosis.mechanisms.rest_windows import correct_rest_window, cut_
 from rfca_rig.diagnosis.mechanisms.windows import CorrectedWindow, MechanismSimulator, Motions, Window
 from rfca_rig.diagnosis.simulator import spread
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.mechanism.contact_law import check_contacts
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import Mechanism
-from rfca_rig.mechanism.contact_law import check_contacts
 from rfca_rig.mechanism.nuisances import OF_RESTS
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.prescribed import fit_trajectory
@@ -292,7 +292,9 @@ def assign_roles(experiment: Experiment, mechanism: Mechanism) -> Mechanism:
     for place, joint in zip(prescribed, experiment.prescribed, strict=True):
         expected = "m" if mechanism.is_slide[place] else "rad"
         if joint.unit != expected:
-            raise BadInput(f"{where}: the unit of prescribed joint {joint.name!r} does not suit: the model has it in {expected}, not in {joint.unit}")
+            raise BadInput(
+                f"{where}: the unit of prescribed joint {joint.name!r} does not suit: the model has it in {expected}, not in {joint.unit}"
+            )
         if any(signal.name == joint.name for signal in experiment.signals if signal.quantity != "sensor"):
             raise BadInput(f"{where}: joint {joint.name!r} is prescribed and a signal; remove one: what is given is not compared")
         if mechanism.driven[place]:

@@ -85,7 +85,10 @@ def _at(grid_s: Floats, t_s: Floats, values: Floats) -> Floats:
     """Columns (m, k) at other times."""
     if grid_s.shape == t_s.shape and np.array_equal(grid_s, t_s):
         return values
-    return np.column_stack([np.interp(grid_s, t_s, column) for column in values.T]).reshape(len(grid_s), values.shape[1])
+    found = np.empty((len(grid_s), values.shape[1]))
+    for place, column in enumerate(values.T):
+        found[:, place] = np.interp(grid_s, t_s, column)
+    return found
 
 
 def correct_rest_window(window: Window, simulator: MechanismSimulator, plant: Plant, torque: Floats, motion: Motion) -> CorrectedWindow:
