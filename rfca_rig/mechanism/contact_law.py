@@ -77,8 +77,8 @@ class ContactArrays(NamedTuple):
     """What the compiled loop needs of c contacts.
 
     `law` (c, 5), `radius` (c,), geoms (c,) of sphere and plane, the sphere's `body` and the `root` of each body. `stretch` (c, 3) says how
-    far the lowest point was carried from where it sticks, `normal` (c,) the force in the last step, `clock` (1,) the time, `touch_s` (c,) when
-    each first touched, `work` (3, 3). The others are MuJoCo's own arrays.
+    far the lowest point was carried from where it sticks, `normal` (c,) the force in the last step, `clock` (1,) the time, and `touch_s`
+    (c,) when each first touched; `work` is (3, 3). The others are MuJoCo's own arrays.
     """
 
     law: Floats

@@ -30,10 +30,10 @@ class NuisanceKind:
     unit
         Of the value and of its standard uncertainty.
     objects
-        What it is a value of: "bodies", "hinges", "slides", "hinge motors", "slide motors" (joints with an actuator), "actuators",
-        "hinge readings", "slide readings" (joints whose position was recorded), "springs" (joints with one), "force sensors",
-        "torque sensors", "contacts" for one value of all contacts, "contact laws" for one of those that have a law of their own, or "rig"
-        for one value in all. Joints that are prescribed have readings alone.
+        What it is a value of: "bodies", "hinges", "slides" (joints whose position was recorded), "moving hinges", "moving slides" (joints
+        that are not prescribed), "hinge motors", "slide motors" (of these, joints with an actuator), "springs" (joints with one),
+        "actuators", "force sensors", "torque sensors", or one value for all "contacts", "contact laws" (those that have one of their
+        own), "starts" of motions from rest, or the whole "rig".
     shift
         Changes a plant: object by place, value.
     nominal
@@ -48,7 +48,7 @@ class NuisanceKind:
 
 def places_of(mechanism: Mechanism, objects: str) -> dict[str, int]:
     """Names and places of the objects that a kind of nuisance parameter belongs to."""
-    of_all = {"rig": True, "contacts": mechanism.has_contacts, "contact laws": bool(mechanism.contacts)}
+    of_all = {"rig": True, "starts": True, "contacts": mechanism.has_contacts, "contact laws": bool(mechanism.contacts)}
     if objects in of_all:
         return {"": 0} if of_all[objects] else {}
     if objects in SENSORS:
@@ -61,9 +61,9 @@ def places_of(mechanism: Mechanism, objects: str) -> dict[str, int]:
     names = mechanism.joints
     if objects == "springs":
         return {names[place]: place for place in mechanism.simulated if mechanism.has_spring(place)}
-    slides, driven = objects.startswith("slide"), objects.endswith("motors")
+    slides, driven = "slide" in objects, objects.endswith("motors")
     read = [place for place in range(len(names)) if place not in mechanism.unmeasured]
-    joints = read if objects.endswith("readings") else mechanism.simulated
+    joints = read if objects in ("hinges", "slides") else mechanism.simulated
     return {names[place]: place for place in joints if mechanism.is_slide[place] == slides and (mechanism.driven[place] or not driven)}
 
 
@@ -155,22 +155,22 @@ NUISANCES: Mapping[str, NuisanceKind] = {
     "inertia_relative": NuisanceKind("", "bodies", _inertia),
     "centre_of_mass_m": NuisanceKind("m", "bodies", _centre),
     "joint_stiffness_relative": NuisanceKind("", "springs", _stiffness),
-    "joint_damping_Nm_s_per_rad": NuisanceKind("N m s/rad", "hinges", add_to("dof_damping", 0.0), _damping),
-    "joint_damping_N_s_per_m": NuisanceKind("N s/m", "slides", add_to("dof_damping", 0.0), _damping),
-    "joint_friction_Nm": NuisanceKind("N m", "hinges", add_friction, _dry),
-    "joint_friction_N": NuisanceKind("N", "slides", add_friction, _dry),
+    "joint_damping_Nm_s_per_rad": NuisanceKind("N m s/rad", "moving hinges", add_to("dof_damping", 0.0), _damping),
+    "joint_damping_N_s_per_m": NuisanceKind("N s/m", "moving slides", add_to("dof_damping", 0.0), _damping),
+    "joint_friction_Nm": NuisanceKind("N m", "moving hinges", add_friction, _dry),
+    "joint_friction_N": NuisanceKind("N", "moving slides", add_friction, _dry),
     "rotor_inertia_kg_m2": NuisanceKind("kg m2", "hinge motors", add_to("dof_armature", 0.0), _rotor),
     "rotor_inertia_kg": NuisanceKind("kg", "slide motors", add_to("dof_armature", 0.0), _rotor),
     "torque_offset_Nm": NuisanceKind("N m", "hinge motors", _torque_offset),
     "force_offset_N": NuisanceKind("N", "slide motors", _torque_offset),
-    "zero_offset_rad": NuisanceKind("rad", "hinge readings", _zero_offset),
-    "zero_offset_m": NuisanceKind("m", "slide readings", _zero_offset),
+    "zero_offset_rad": NuisanceKind("rad", "hinges", _zero_offset),
+    "zero_offset_m": NuisanceKind("m", "slides", _zero_offset),
     "command_gain_relative": NuisanceKind("", "actuators", _gain),
     "command_delay_s": NuisanceKind("s", "rig", _delay),
     "sensor_offset_N": NuisanceKind("N", "force sensors", _sensor_offset),
     "sensor_offset_Nm": NuisanceKind("N m", "torque sensors", _sensor_offset),
-    "start_swing_relative": NuisanceKind("", "rig", _swing),
-    "start_swing_rate_per_s": NuisanceKind("1/s", "rig", _swing_rate),
+    "start_swing_relative": NuisanceKind("", "starts", _swing),
+    "start_swing_rate_per_s": NuisanceKind("1/s", "starts", _swing_rate),
     "contact_stiffness_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_stiffness)),
     "contact_damping_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_damping)),
     "contact_friction_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_friction)),

@@ -9,6 +9,7 @@ from scipy.optimize import fsolve
 
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.mechanism.nuisances import NUISANCES, places_of
 from rfca_rig.mechanism.plant import make_plant
 from rfca_rig.mechanism.prescribed import fit_trajectory
 from rfca_rig.mechanism.rollout import CommandTrace, roll
@@ -100,6 +101,20 @@ def test_a_start_at_rest_is_the_equilibrium_of_weight_and_springs(tmp_path):
 
     assert found.position[-1] == pytest.approx(fsolve(unbalanced, [0.0, 0.0]), abs=1e-5)
     assert np.abs(found.speed).max() < 1e-6
+
+
+def test_a_start_may_swing_and_springs_may_be_stiffer(tmp_path):
+    """A weight on a spring: it hangs by m g / k, begins by the stated share nearer to its free length, and swings about its rest."""
+    text = '<mujoco><option gravity="0 0 -9.81"/><worldbody><body><joint name="x" type="slide" axis="0 0 1" stiffness="50"/>'
+    mechanism = loaded(tmp_path, f'{text}<geom size="0.1" mass="0.5"/></body></worldbody></mujoco>')
+    plant = make_plant(mechanism, 5e-4)
+    for key, value in {"joint_stiffness_relative": 0.2, "start_swing_relative": 0.3, "start_swing_rate_per_s": 2.0}.items():
+        (place,) = places_of(mechanism, NUISANCES[key].objects).values()
+        NUISANCES[key].shift(plant, place, value)
+    found = roll(plant, CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 0))), None, None, T_S)
+    sag, w = 0.5 * 9.81 / 60.0, np.sqrt(60.0 / 0.5)
+    own = -sag + sag * (0.3 * np.cos(w * T_S) + 2.0 / w * np.sin(w * T_S))
+    assert found.position[:, 0] == pytest.approx(own, abs=1e-5)
 
 
 def test_what_falls_has_no_rest(tmp_path):
