@@ -4,7 +4,7 @@ import numpy as np
 
 from tests.mechanism.arm import SAMPLE_S, _advance, mjcf
 
-SECONDS = 2.5
+SECONDS = 1.5
 
 
 def record(arm, seed):
