@@ -3,7 +3,8 @@
 docs/mechanisms.md shows an experiment.toml. Everything is in SI units behind this module: rad or m, rad/s or m/s, N m, N, A or V.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +17,7 @@ from rfca_rig.campaign.recorded_files import read_columns
 from rfca_rig.campaign.table import select_samples
 from rfca_rig.description.toml import place_of, read_toml
 from rfca_rig.errors import BadInput
+from rfca_rig.mechanism.contact_law import SphereOnPlane
 
 Floats = NDArray[np.float64]
 
@@ -34,8 +36,24 @@ class RecordedSignal:
 
 
 @dataclass(frozen=True)
+class PrescribedJoint:
+    """A joint whose motion is given: `smoothed_s` apart stand the knots of the spline through its column, 0 for all samples.
+
+    `scatter_std` is how far it stands elsewhere in each repeat, in SI, None where its column shows that.
+    """
+
+    name: str
+    unit: str
+    smoothed_s: float
+    scatter_std: float | None
+
+
+@dataclass(frozen=True)
 class MechanismRun:
-    """One recording: times `t_s` (m,) from its beginning, `signals` (m, s) and `commands` (m, u), all zero where it was not driven."""
+    """One recording: times `t_s` (m,) from its beginning, `signals` (m, s) and `commands` (m, u), all zero where it was not driven.
+
+    `prescribed` (m, p) are the positions of the prescribed joints.
+    """
 
     label: str
     condition: str
@@ -43,13 +61,16 @@ class MechanismRun:
     signals: Floats
     commands: Floats
     driven: bool
+    prescribed: Floats
 
 
 @dataclass(frozen=True)
 class Experiment:
     """The model file, what was recorded of it, the standard uncertainties of [known_to], and the length of windows and of bins.
 
-    `most_windows` is how many windows are used at most.
+    `most_windows` is how many windows are used at most. `prescribed` joints follow their columns, `contacts` have laws of their own,
+    `alike` has names of joints, bodies or actuators of one make by the name of their group. A motion `starts_at_rest` in equilibrium, or
+    else windows start from the measured state.
     """
 
     title: str
@@ -62,6 +83,10 @@ class Experiment:
     bin_s: float
     most_windows: int
     runs: tuple[MechanismRun, ...]
+    prescribed: tuple[PrescribedJoint, ...] = ()
+    contacts: tuple[SphereOnPlane, ...] = ()
+    alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    starts_at_rest: bool = False
 
 
 def read_experiment(folder: Path) -> Experiment:
@@ -86,6 +111,17 @@ def read_experiment(folder: Path) -> Experiment:
         bin_s=described.windows.bin_s,
         most_windows=described.windows.at_most,
         runs=tuple(_read_run(folder, described, place) for place in range(len(described.recordings))),
+        prescribed=tuple(
+            PrescribedJoint(p.joint, p.si_unit, p.smoothed_s, None if p.scatter_std is None else abs(p.scatter_std * p.factor))
+            for p in described.prescribed
+        ),
+        contacts=tuple(
+            SphereOnPlane(sphere, c.plane, c.stiffness_N_per_m1p5, c.damping_s_per_m, c.friction, c.presliding_mm / 1e3, c.drag_N_s_per_m)
+            for c in described.contacts
+            for sphere in c.spheres
+        ),
+        alike=dict(described.alike),
+        starts_at_rest=described.start.state == "at rest",
     )
 
 
@@ -102,6 +138,7 @@ def _check_unique(path: Path, described: ExperimentFile) -> None:
     keys: list[tuple[str, list[tuple[str, ...]]]] = [
         ("signals", [(signal.joint or signal.sensor or "", signal.quantity or "sensor") for signal in described.signals]),
         ("commands", [(command.actuator,) for command in described.commands]),
+        ("prescribed", [(prescribed.joint,) for prescribed in described.prescribed]),
         ("recordings", [(run.file,) for run in described.recordings]),
         ("recordings", [(run.condition, f"repeat {run.repeat}") for run in described.recordings]),
     ]
@@ -120,6 +157,7 @@ def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismR
     signals, commands = described.signals, described.commands if run.driven else ()
     holds = {signal.column: signal.words for signal in signals}
     holds |= {command.column: f"the command of actuator {command.actuator}" for command in commands}
+    holds |= {prescribed.column: f"the motion of joint {prescribed.joint}" for prescribed in described.prescribed}
     recording = read_columns(folder / run.file, ColumnRequest(described.time, holds, described.windows.bin_s))
     t_s, values = recording.t_s, recording.values
     inside = select_samples(recording, t_s, run.from_s, run.to_s)
@@ -127,5 +165,8 @@ def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismR
     commanded = np.zeros((len(t_s), len(described.commands)))
     for number, command in enumerate(commands):
         commanded[:, number] = command.factor * values[command.column]
+    prescribed = np.empty((len(t_s), len(described.prescribed)))
+    for number, given in enumerate(described.prescribed):
+        prescribed[:, number] = given.factor * values[given.column]
     label = f"{run.condition}, repeat {run.repeat}"
-    return MechanismRun(label, run.condition, t_s[inside], recorded[inside], commanded[inside], bool(commands))
+    return MechanismRun(label, run.condition, t_s[inside], recorded[inside], commanded[inside], bool(commands), prescribed[inside])

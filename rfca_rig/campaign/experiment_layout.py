@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from rfca_rig.campaign.pendulum_layout import RunSection, Text
-from rfca_rig.description.sections import Positive, Section
+from rfca_rig.description.sections import NotNegative, Positive, Section
 from rfca_rig.recording.layout import EXPERIMENT
 
 FORMAT = "rfca-experiment/1"
@@ -100,6 +100,66 @@ class SignalSection(Section):
         return self.sign * SIGNAL_UNITS[self.si_unit][self.unit]
 
 
+class PrescribedSection(Section):
+    """[[prescribed]]: a joint whose motion is given by a column, measured or commanded, and not simulated.
+
+    Its column is smoothed by a cubic spline with knots `smoothed_s` apart; 0 goes through every sample, for a column without noise.
+    `scatter_std` is how far the joint stands elsewhere in each repeat without the column showing it, in the unit of the column.
+    """
+
+    joint: Text
+    column: Text
+    unit: str
+    sign: Literal[1, -1] = 1
+    counts_per_turn: Positive | None = None
+    smoothed_s: NotNegative = 0.02
+    scatter_std: Positive | None = None
+
+    @model_validator(mode="after")
+    def _is_position(self) -> Self:
+        self._as_signal()
+        return self
+
+    def _as_signal(self) -> SignalSection:
+        """The same column as a measured position, with whose units it agrees."""
+        return SignalSection(
+            joint=self.joint, quantity="position", column=self.column, unit=self.unit, sign=self.sign, counts_per_turn=self.counts_per_turn
+        )
+
+    @property
+    def si_unit(self) -> str:
+        """The unit that MuJoCo has it in."""
+        return self._as_signal().si_unit
+
+    @property
+    def factor(self) -> float:
+        """From the column to the SI unit, with the sign."""
+        return self._as_signal().factor
+
+
+class ContactSection(Section):
+    """[[contacts]]: a sphere on a plane with stiffness and damping in the rig's own units, in place of MuJoCo's contact of the two geoms.
+
+    The normal force is stiffness depth^1.5 (1 + damping depth'). Friction sticks, yields by `presliding_mm` at mu N, and then slides.
+    """
+
+    spheres: Annotated[tuple[Text, ...], Field(strict=False, min_length=1)]
+    plane: Text
+    stiffness_N_per_m1p5: Positive
+    damping_s_per_m: NotNegative = 0.0
+    friction: NotNegative = 0.0
+    presliding_mm: Positive = 0.1
+    drag_N_s_per_m: NotNegative = 0.0
+
+
+class StartSection(Section):
+    """[start]: "estimated" cuts a recording into windows, each from the measured state; "at rest" makes it one window that begins in
+    static equilibrium, and recordings of one condition are repeats of one motion then, whose mean is compared.
+    """
+
+    state: Literal["estimated", "at rest"] = "estimated"
+
+
 class CommandSection(Section):
     """[[commands]]: a column that holds what an actuator was told or, better, what was measured of it.
 
@@ -131,6 +191,7 @@ class KnownToMechanism(Section):
     mass_relative: Positive | None = None
     inertia_relative: Positive | None = None
     centre_of_mass_m: Positive | None = None
+    joint_stiffness_relative: Positive | None = None
     joint_damping_Nm_s_per_rad: Positive | None = None
     joint_damping_N_s_per_m: Positive | None = None
     joint_friction_Nm: Positive | None = None
@@ -148,6 +209,10 @@ class KnownToMechanism(Section):
     contact_stiffness_relative: Positive | None = None
     contact_damping_relative: Positive | None = None
     contact_friction_relative: Positive | None = None
+    contact_presliding_relative: Positive | None = None
+    contact_drag_relative: Positive | None = None
+    start_swing_relative: Positive | None = None
+    start_swing_rate_per_s: Positive | None = None
     torque_error_relative: Annotated[float, Field(ge=0.001, le=0.2)] | None = None
 
 
@@ -183,6 +248,10 @@ class ExperimentFile(Section):
     time: TimeSection
     signals: Annotated[tuple[SignalSection, ...], Field(strict=False, min_length=1)]
     commands: Annotated[tuple[CommandSection, ...], Field(strict=False)] = ()
+    prescribed: Annotated[tuple[PrescribedSection, ...], Field(strict=False)] = ()
+    contacts: Annotated[tuple[ContactSection, ...], Field(strict=False)] = ()
+    start: StartSection = StartSection()
+    alike: dict[Text, Annotated[tuple[Text, ...], Field(strict=False, min_length=2)]] = Field(default_factory=dict)
     known_to: KnownToMechanism = KnownToMechanism()
     windows: WindowsSection = WindowsSection()
     recordings: Annotated[tuple[RecordingSection, ...], Field(strict=False, min_length=1)]

@@ -67,3 +67,28 @@ def export_csv(
         typer.echo(json.dumps({"out": str(out), "files": exported.files, "records": exported.records}, indent=1))
         return
     typer.echo(f"{exported.records} records in {exported.files} files; {out / 'stages.csv'} lists them", err=True)
+
+
+@app.command("mjcf")
+def export_mjcf(
+    run: Recorded,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The folder to make.")],
+    as_json: Json = False,
+) -> None:
+    """Write a leg and its strokes as an experiment on a mechanism: MJCF for MuJoCo, experiment.toml, and a CSV file per stroke.
+
+    check, fit, report and diagnose take the folder; see docs/mechanisms.md.
+
+    Example: rfca-rig export mjcf campaigns/my-leg --out my-leg-mjcf
+    """
+    import json
+
+    from rfca_rig.export.leg_mjcf import export_leg
+
+    exported = export_leg(run, out)
+    if as_json:
+        typer.echo(json.dumps({"out": str(out), "recordings": exported.recordings, "left_out": list(exported.left_out)}, indent=1))
+        return
+    for words in exported.left_out:
+        typer.echo(f"left out: {words}", err=True)
+    typer.echo(f"{exported.recordings} strokes in {out}; type rfca-rig diagnose {out}", err=True)

@@ -103,7 +103,7 @@ def diagnose(
 
 def find_omissions(recordings: Sequence[Recording], progress: Progress, without: Collection[str] = ()) -> tuple[PreparedData, Findings]:
     """The searches and their decisions, before anything is worded, located or proposed. Parameters and errors as in `diagnose`."""
-    body, tables = _body(recordings)
+    body, tables = prepare_data(recordings)
     dataset = leg_dataset([*body.flaps, *tables], body.as_commanded)
     effects = select_candidates(_candidates(body), without)
     of_drive = select_candidates(map(catalogue().__getitem__, DRIVE_EFFECTS), without)
@@ -118,7 +118,7 @@ def search_base(recordings: Sequence[Recording], progress: Progress) -> ModelSel
 
     Raises BadInput where the recordings cannot be used together or at all, SimulationFailed where the model cannot be computed.
     """
-    body, tables = _body(recordings)
+    body, tables = prepare_data(recordings)
     return search_models(leg_dataset([*body.flaps, *tables], body.as_commanded), body.coordinates, [], progress)
 
 
@@ -126,7 +126,11 @@ def _named(recording: Recording) -> Diagnosed:
     return Diagnosed(recording.title, recording.source, identity_of(recording.title, recording.source, recording.provenance))
 
 
-def _body(recordings: Sequence[Recording]) -> tuple[PreparedData, tuple[StageTable, ...]]:
+def prepare_data(recordings: Sequence[Recording]) -> tuple[PreparedData, tuple[StageTable, ...]]:
+    """The recordings cut into conditions, with the nominal rig and its nuisance parameters, and the tables of static stages.
+
+    Raises BadInput where the recordings cannot be used together.
+    """
     first = recordings[0]
     for other in recordings[1:]:
         if other.believed != first.believed or other.known_to != first.known_to:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.mechanism.inverse_dynamics import torque_motors
-from rfca_rig.mechanism.laws import JOINTS, LARGEST, SMALLEST, PlaceLaw, expand_law, join_name, joint_units
+from rfca_rig.mechanism.laws import JOINTS, LARGEST, SMALLEST, PlaceLaw, expand_law, group_places, join_name, joint_units
 from rfca_rig.mechanism.load import Mechanism
+from rfca_rig.mechanism.nuisances import PLACEHOLDER
 from rfca_rig.mechanism.plant import (
     Change,
     Plant,
@@ -54,13 +55,17 @@ def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
 
 
 def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
-    joints, everywhere = mechanism.joints, tuple(range(len(mechanism.joints)))
+    joints, moving = mechanism.joints, mechanism.simulated
+    sprung = tuple(joint for joint in moving if mechanism.has_spring(joint))
 
     def per_joint(
-        id_: str, words: str, law: str, quantity: str, units: tuple[str, str], size: Floats, change: Change, of: str = ""
-    ) -> PlaceLaw:
+        id_: str, words: str, law: str, quantity: str, units: tuple[str, str], size: Floats, change: Change, of: str = "",
+        source: str = "MuJoCo, XML reference", places: tuple[int, ...] = moving,
+    ) -> PlaceLaw:  # fmt: skip
         names, low, high = joint_units(mechanism, *units), SMALLEST * size, LARGEST * size
-        return PlaceLaw(id_, words, law, "MuJoCo, XML reference", quantity, names, joints, everywhere, low, high, change, variant_of=of)
+        chosen, at = list(places), tuple(joints[place] for place in places)
+        return PlaceLaw(id_, words, law, source, quantity, tuple(names[place] for place in places), at, places, low[chosen], high[chosen],
+                        change, variant_of=of, groups=group_places(mechanism, at))  # fmt: skip
 
     torque, speed = usual.torque, usual.speed
     yield per_joint("joint_friction", "dry friction of the joints and their gears", "T = T_c sgn(w)", "torque", ("Nm", "N"),
@@ -73,7 +78,11 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
                     usual.inertia, add_to("dof_armature"))  # fmt: skip
     yield per_joint("joint_spring", "a spring in the joints", "T = k (q - q_0), q_0 of the model file", "stiffness",
                     ("Nm_per_rad", "N_per_m"), torque / usual.travel, add_to("jnt_stiffness"))  # fmt: skip
-    driven = tuple(int(joint) for joint in np.flatnonzero(mechanism.driven))
+    if sprung:
+        yield per_joint("joint_spring_play", "play before the springs of the joints engage",
+                        "the spring's torque at q - q_0 less half the gap, 0 within the gap", "half_gap", ("rad", "m"), usual.travel,
+                        _add_play, source="dead zone", places=sprung)  # fmt: skip
+    driven = tuple(joint for joint in moving if mechanism.driven[joint])
     if usual.is_driven and driven:
         ones = np.ones(len(driven))
         yield PlaceLaw("joint_load_friction", "friction of the gears that grows with the torque they transmit", "T = loss |tau| sgn(w)",
@@ -110,6 +119,10 @@ def _laws_of_gears(mechanism: Mechanism, usual: UsualMotion, driven: tuple[int, 
                    "play", units("rad", "m"), joints, driven, SMALLEST * travel, MOST_DEFLECTION * travel, add_play)  # fmt: skip
 
 
+def _add_play(plant: Plant, joint: int, value: float) -> None:
+    plant.spring_half_gap[joint] += value
+
+
 def _add_load_loss(plant: Plant, joint: int, value: float) -> None:
     plant.load_loss[joint] += value
 
@@ -118,12 +131,16 @@ def _scale_command(plant: Plant, actuator: int, value: float) -> None:
     plant.command_gain[actuator] *= value
 
 
-def _torques(mechanism: Mechanism, usual: UsualMotion) -> list[Parameter]:
-    """A torque of each joint."""
-    joints, units = mechanism.joints, joint_units(mechanism, "Nm", "N")
-    names = [join_name(joint if len(joints) > 1 else "", "torque", unit) for joint, unit in zip(joints, units, strict=True)]
-    low, high = SMALLEST * usual.torque, LARGEST * usual.torque
-    return [Parameter(name, float(a), float(b), may_be_zero=False) for name, a, b in zip(names, low, high, strict=True)]
+def _torques(mechanism: Mechanism, usual: UsualMotion) -> list[tuple[Parameter, list[int]]]:
+    """A torque of each joint, or of all of one make, and the joints' places."""
+    moving, units = mechanism.simulated, joint_units(mechanism, "Nm", "N")
+    groups = group_places(mechanism, tuple(mechanism.joints[place] for place in moving))
+    found = []
+    for group, members in groups:
+        places = [moving[member] for member in members]
+        name, torque = join_name(group if len(groups) > 1 else "", "torque", units[places[0]]), usual.torque[places]
+        found.append((Parameter(name, SMALLEST * float(torque.min()), LARGEST * float(torque.max()), may_be_zero=False), places))
+    return found
 
 
 def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
@@ -131,7 +148,8 @@ def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     torques = _torques(mechanism, usual)
 
     def apply(plant: Plant, values: Values) -> Plant:
-        plant.stribeck[0] += [values[torque.name] for torque in torques]
+        for torque, places in torques:
+            plant.stribeck[0, places] += values[torque.name]
         plant.stribeck[1] = values["rise_relative"]
         plant.stribeck[2] = values["speed_relative"] * usual.speed
         return plant
@@ -139,7 +157,7 @@ def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     shape = (Parameter("rise_relative", 0.25, 2.5), Parameter("speed_relative", 0.03, 1.0, may_be_zero=False))
     yield Effect("joint_stribeck", JOINTS, "dry friction of the joints that falls with speed",
                  "T = T_c (1 + rise exp(-|w| / w_s)) sgn(w), w_s a share of the usual speed", "Stribeck 1902, exponential form",
-                 (*torques, *shape), apply)  # fmt: skip
+                 (*(torque for torque, _ in torques), *shape), apply)  # fmt: skip
 
 
 def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
@@ -150,13 +168,15 @@ def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     torques = _torques(mechanism, usual)
 
     def apply(plant: Plant, values: Values) -> Plant:
-        plant.hysteresis[0] += [values[torque.name] for torque in torques]
+        for torque, places in torques:
+            plant.hysteresis[0, places] += values[torque.name]
         plant.hysteresis[1] = values["bend_relative"] * usual.travel
         return plant
 
     bend = Parameter("bend_relative", 0.03, 1.0, may_be_zero=False)
     yield Effect("joint_hysteresis", JOINTS, "hysteresis of the joints: friction that builds up over an angle",
-                 "T = T_h z, z' = (w / b) (1 - z sgn(w)), b a share of the usual travel", "Dahl 1968", (*torques, bend), apply,
+                 "T = T_h z, z' = (w / b) (1 - z sgn(w)), b a share of the usual travel", "Dahl 1968",
+                 (*(torque for torque, _ in torques), bend), apply,
                  variant_of="joint_stribeck")  # fmt: skip
 
 
@@ -165,14 +185,14 @@ def _stop(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     middle, half = usual.middle, usual.half_range
 
     def apply(plant: Plant, values: Values) -> Plant:
-        joint, share = int(values["joint"]) - 1, values["position_relative"]
+        joint, share = mechanism.simulated[int(values["joint"]) - 1], values["position_relative"]
         at = middle[joint] + share * half[joint]
         plant.model.jnt_limited[joint] = 1
         plant.model.jnt_range[joint] = (-FAR, at) if share > 0.0 else (at, FAR)
         return plant
 
     if not mechanism.model.jnt_limited.any():
-        counted = Parameter("joint", 1.0, float(len(mechanism.joints)), may_be_zero=False, whole=True)
+        counted = Parameter("joint", 1.0, float(len(mechanism.simulated)), may_be_zero=False, whole=True)
         share = Parameter("position_relative", -0.98, 0.98)
         yield Effect("joint_stop", JOINTS, "a stop within the travel of a joint",
                      "MuJoCo's limit at a share of half the travel from its middle, above it where the share is positive",
@@ -268,7 +288,8 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
     if np.any(model.opt.gravity != 0.0):
         angles = (Parameter("about_x_rad", -0.2, 0.2), Parameter("about_y_rad", -0.2, 0.2))
         yield Effect("gravity_tilt", "rig", "rig not plumb", "gravity turned about the world's x and y axis", "-", angles, tilt)
-    heavy = [place for place in range(1, model.nbody) if model.body_mass[place] > 0.0 and model.body_weldid[place] != 0]
+    least_kg = PLACEHOLDER * float(model.body_mass.sum())
+    heavy = [place for place in range(1, model.nbody) if model.body_mass[place] > least_kg and model.body_weldid[place] != 0]
 
     def load(plant: Plant, values: Values) -> Plant:
         body = heavy[int(values["body"]) - 1]

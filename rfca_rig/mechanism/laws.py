@@ -20,7 +20,10 @@ SMALLEST, LARGEST = 0.002, 0.8
 
 @dataclass(frozen=True)
 class PlaceLaw:
-    """A law with one size per joint (or actuator): `low` and `high` (k,) are its plausible range, `change` puts it into a plant."""
+    """A law with one size per joint (or actuator): `low` and `high` (k,) are its plausible range, `change` puts it into a plant.
+
+    `groups` are names and places, within `places`, of those that share a size; each has its own where there are none.
+    """
 
     id: str
     left_out: str
@@ -35,6 +38,7 @@ class PlaceLaw:
     change: Change
     noun: str = "joint"
     variant_of: str = ""
+    groups: tuple[tuple[str, tuple[int, ...]], ...] = ()
 
 
 def joint_units(mechanism: Mechanism, of_hinge: str, of_slide: str) -> tuple[str, ...]:
@@ -47,17 +51,30 @@ def join_name(*parts: str) -> str:
     return "_".join(part for part in parts if part)
 
 
+def group_places(mechanism: Mechanism, names: tuple[str, ...]) -> tuple[tuple[str, tuple[int, ...]], ...]:
+    """The places of those of one make, by the name of their group, or of the only one."""
+    found = {
+        name: members for name, of_make in mechanism.alike.items() if (members := tuple(names.index(n) for n in of_make if n in names))
+    }
+    grouped = {member for members in found.values() for member in members}
+    single = {name: (place,) for place, name in enumerate(names) if place not in grouped}
+    return tuple({**single, **found}.items())
+
+
 def expand_law(law: PlaceLaw) -> Iterator[Effect]:
     """The law in all its joints, and where there are several in one of them."""
     places, many = law.places, len(law.places) > 1
-    names = [join_name(one if many else "", law.quantity, unit) for one, unit in zip(law.objects, law.units, strict=True)]
+    groups = law.groups or tuple((one, (place,)) for place, one in enumerate(law.objects))
+    names = [join_name(one if len(groups) > 1 else "", law.quantity, law.units[members[0]]) for one, members in groups]
 
     def in_all(plant: Plant, values: Values) -> Plant:
-        for place, name in zip(places, names, strict=True):
-            law.change(plant, place, values[name])
+        for (_, members), name in zip(groups, names, strict=True):
+            for member in members:
+                law.change(plant, places[member], values[name])
         return plant
 
-    parameters = tuple(Parameter(n, float(a), float(b), may_be_zero=False) for n, a, b in zip(names, law.low, law.high, strict=True))
+    ranges = [(float(law.low[list(members)].min()), float(law.high[list(members)].max())) for _, members in groups]
+    parameters = tuple(Parameter(name, low, high, may_be_zero=False) for name, (low, high) in zip(names, ranges, strict=True))
     yield Effect(law.id, JOINTS, law.left_out, law.law, law.source, parameters, in_all, variant_of=law.variant_of)
     if many:
         size = join_name(law.quantity, law.units[0] if len(set(law.units)) == 1 else "SI")
@@ -69,4 +86,6 @@ def expand_law(law: PlaceLaw) -> Iterator[Effect]:
         counted = Parameter(law.noun, 1.0, float(len(places)), may_be_zero=False, whole=True)
         sized = Parameter(size, float(law.low.min()), float(law.high.max()), may_be_zero=False)
         words = f"{law.left_out}, of one {law.noun}"
+        if places != tuple(range(len(places))):  # numbers are not those of the model
+            words += f" ({', '.join(f'{number} is {name}' for number, name in enumerate(law.objects, start=1))})"
         yield Effect(f"{law.id}_of_one", JOINTS, words, law.law, law.source, (counted, sized), in_one, variant_of=law.variant_of or law.id)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
+from rfca_rig.mechanism.contact_law import SphereOnPlane
 
 Floats = NDArray[np.float64]
 
@@ -56,6 +57,14 @@ class Mechanism:
         Of each sensor that a signal may hold, by name: its first value in MuJoCo's `sensordata`, how many it has, and their SI unit.
     has_contacts
         Whether any two bodies may touch.
+    is_implicit
+        Whether the model's integrator is one of MuJoCo's implicit ones, which stiff dampers need; Runge-Kutta if not.
+    prescribed, unmeasured
+        Places of joints that follow a given motion, and of joints that have no position signal.
+    alike
+        Names of joints, bodies or actuators of one make, by the name of the group: they share values and effects.
+    contacts
+        Contacts that have a law of their own, in place of MuJoCo's.
     """
 
     path: Path
@@ -67,6 +76,11 @@ class Mechanism:
     driven: NDArray[np.bool_]
     sensors: Mapping[str, "Sensor"]
     has_contacts: bool
+    is_implicit: bool = False
+    prescribed: tuple[int, ...] = ()
+    unmeasured: tuple[int, ...] = ()
+    alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    contacts: tuple[SphereOnPlane, ...] = ()
     _spare_data: deque[Any] = field(default_factory=deque, repr=False)
 
     @contextmanager
@@ -87,6 +101,15 @@ class Mechanism:
             yield data
         finally:
             self._spare_data.append(data)
+
+    @property
+    def simulated(self) -> tuple[int, ...]:
+        """Places of the joints whose motion the model decides."""
+        return tuple(joint for joint in range(len(self.joints)) if joint not in self.prescribed)
+
+    def has_spring(self, joint: int) -> bool:
+        """Whether the joint of this place has a spring of its own."""
+        return bool(self.model.jnt_stiffness[joint] != 0.0 or np.any(self.model.jnt_stiffnesspoly[joint] != 0.0))
 
     @property
     def sensor_values(self) -> dict[str, tuple[int, str]]:
@@ -171,6 +194,7 @@ def load_mechanism(path: Path) -> Mechanism:
         driven=driven,
         sensors=_list_sensors(model),
         has_contacts=bool(model.npair > 0 or np.any(model.geom_contype & model.geom_conaffinity[:, None])),
+        is_implicit=model.opt.integrator in (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
     )
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from rfca_rig.mechanism.contact_law import DRAG, PRESLIDING
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import (
     Change,
@@ -15,6 +16,7 @@ from rfca_rig.mechanism.plant import (
     shift_centre,
 )
 
+PLACEHOLDER = 1e-5  # of all mass: a lighter body stands in the file because MuJoCo wants a mass
 SENSORS = {"force sensors": "N", "torque sensors": "N m"}  # and their unit
 
 
@@ -27,8 +29,10 @@ class NuisanceKind:
     unit
         Of the value and of its standard uncertainty.
     objects
-        What it is a value of: "bodies", "hinges", "slides", "hinge motors", "slide motors" (joints with an actuator), "actuators",
-        "force sensors", "torque sensors", "contacts" for one value of all contacts, or "rig" for one value in all.
+        What it is a value of: "bodies", "hinges", "slides" (joints whose position was recorded), "moving hinges", "moving slides" (joints
+        that are not prescribed), "hinge motors", "slide motors" (of these, joints with an actuator), "springs" (joints with one),
+        "actuators", "force sensors", "torque sensors", or one value for all "contacts", "contact laws" (those that have one of their
+        own), "starts" of motions from rest, or the whole "rig".
     shift
         Changes a plant: object by place, value.
     nominal
@@ -43,17 +47,32 @@ class NuisanceKind:
 
 def places_of(mechanism: Mechanism, objects: str) -> dict[str, int]:
     """Names and places of the objects that a kind of nuisance parameter belongs to."""
-    if objects in ("rig", "contacts"):
-        return {"": 0} if objects == "rig" or mechanism.has_contacts else {}
+    of_all = {"rig": True, "starts": True, "contacts": mechanism.has_contacts, "contact laws": bool(mechanism.contacts)}
+    if objects in of_all:
+        return {"": 0} if of_all[objects] else {}
     if objects in SENSORS:
         return {name: place for name, (place, unit) in mechanism.sensor_values.items() if unit == SENSORS[objects]}
     if objects == "bodies":
-        return {name: place for place, name in enumerate(mechanism.bodies) if mechanism.model.body_mass[place + 1] > 0.0}
+        masses = mechanism.model.body_mass[1:]
+        return {name: place for place, name in enumerate(mechanism.bodies) if masses[place] > PLACEHOLDER * masses.sum()}
     if objects == "actuators":
         return {name: place for place, name in enumerate(mechanism.actuators)}
-    slides, driven = objects.startswith("slide"), objects.endswith("motors")
-    joints = enumerate(mechanism.joints)
-    return {name: place for place, name in joints if mechanism.is_slide[place] == slides and (mechanism.driven[place] or not driven)}
+    names = mechanism.joints
+    if objects == "springs":
+        return {names[place]: place for place in mechanism.simulated if mechanism.has_spring(place)}
+    slides, driven = "slide" in objects, objects.endswith("motors")
+    read = [place for place in range(len(names)) if place not in mechanism.unmeasured]
+    joints = read if objects in ("hinges", "slides") else mechanism.simulated
+    return {names[place]: place for place in joints if mechanism.is_slide[place] == slides and (mechanism.driven[place] or not driven)}
+
+
+def groups_of(mechanism: Mechanism, objects: str) -> dict[str, tuple[int, ...]]:
+    """The same, with those of one make together under the name of their group."""
+    single, found = places_of(mechanism, objects), {}
+    for name, members in mechanism.alike.items():
+        if places := tuple(single.pop(member) for member in members if member in single):
+            found[name] = places
+    return {**{name: (place,) for name, place in single.items()}, **found}
 
 
 def _mass(plant: Plant, place: int, share: float) -> None:
@@ -63,6 +82,20 @@ def _mass(plant: Plant, place: int, share: float) -> None:
 
 def _inertia(plant: Plant, place: int, share: float) -> None:
     plant.model.body_inertia[place + 1] *= 1.0 + share
+
+
+def _stiffness(plant: Plant, place: int, share: float) -> None:
+    plant.model.jnt_stiffness[place] *= 1.0 + share
+    plant.model.jnt_stiffnesspoly[place] *= 1.0 + share
+
+
+def _law(column: int) -> Change:
+    """A change of one number of all contacts that have a law of their own, of which a twentieth remains at least."""
+
+    def change(plant: Plant, place: int, share: float) -> None:  # noqa: ARG001
+        plant.contact_law[:, column] *= max(0.05, 1.0 + share)
+
+    return change
 
 
 def _centre(plant: Plant, place: int, by_m: float) -> None:
@@ -94,6 +127,14 @@ def _of_contacts(scale: Callable[[Plant, float], None]) -> Change:
     return change
 
 
+def _swing(plant: Plant, place: int, share: float) -> None:  # noqa: ARG001
+    plant.start_swing += share
+
+
+def _swing_rate(plant: Plant, place: int, by_per_s: float) -> None:  # noqa: ARG001
+    plant.start_swing_rate_per_s += by_per_s
+
+
 def _delay(plant: Plant, place: int, by_s: float) -> None:  # noqa: ARG001
     plant.command_delay_s += by_s
 
@@ -108,10 +149,11 @@ NUISANCES: Mapping[str, NuisanceKind] = {
     "mass_relative": NuisanceKind("", "bodies", _mass),
     "inertia_relative": NuisanceKind("", "bodies", _inertia),
     "centre_of_mass_m": NuisanceKind("m", "bodies", _centre),
-    "joint_damping_Nm_s_per_rad": NuisanceKind("N m s/rad", "hinges", add_to("dof_damping", 0.0), _damping),
-    "joint_damping_N_s_per_m": NuisanceKind("N s/m", "slides", add_to("dof_damping", 0.0), _damping),
-    "joint_friction_Nm": NuisanceKind("N m", "hinges", add_friction, _dry),
-    "joint_friction_N": NuisanceKind("N", "slides", add_friction, _dry),
+    "joint_stiffness_relative": NuisanceKind("", "springs", _stiffness),
+    "joint_damping_Nm_s_per_rad": NuisanceKind("N m s/rad", "moving hinges", add_to("dof_damping", 0.0), _damping),
+    "joint_damping_N_s_per_m": NuisanceKind("N s/m", "moving slides", add_to("dof_damping", 0.0), _damping),
+    "joint_friction_Nm": NuisanceKind("N m", "moving hinges", add_friction, _dry),
+    "joint_friction_N": NuisanceKind("N", "moving slides", add_friction, _dry),
     "rotor_inertia_kg_m2": NuisanceKind("kg m2", "hinge motors", add_to("dof_armature", 0.0), _rotor),
     "rotor_inertia_kg": NuisanceKind("kg", "slide motors", add_to("dof_armature", 0.0), _rotor),
     "torque_offset_Nm": NuisanceKind("N m", "hinge motors", _torque_offset),
@@ -122,8 +164,13 @@ NUISANCES: Mapping[str, NuisanceKind] = {
     "command_delay_s": NuisanceKind("s", "rig", _delay),
     "sensor_offset_N": NuisanceKind("N", "force sensors", _sensor_offset),
     "sensor_offset_Nm": NuisanceKind("N m", "torque sensors", _sensor_offset),
+    "start_swing_relative": NuisanceKind("", "starts", _swing),
+    "start_swing_rate_per_s": NuisanceKind("1/s", "starts", _swing_rate),
     "contact_stiffness_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_stiffness)),
     "contact_damping_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_damping)),
     "contact_friction_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_friction)),
+    "contact_presliding_relative": NuisanceKind("", "contact laws", _law(PRESLIDING)),
+    "contact_drag_relative": NuisanceKind("", "contact laws", _law(DRAG)),
 }
+OF_RESTS = ("start_swing_relative", "start_swing_rate_per_s")  # of motions that start at rest
 OF_COMMANDS = ("torque_offset_Nm", "force_offset_N", "command_gain_relative", "command_delay_s")  # without commands they change nothing

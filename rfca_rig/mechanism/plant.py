@@ -2,16 +2,20 @@
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.mechanism.contact_law import DAMPING, FRICTION, STIFFNESS
 from rfca_rig.mechanism.joint_law import JointLaw
 from rfca_rig.mechanism.load import Mechanism
+from rfca_rig.mechanism.prescribed import ARMATURE
 
 Floats = NDArray[np.float64]
+
+NEVER_M = -1e3  # the margin of a pair that MuJoCo leaves alone: they would have to overlap by that much
 
 
 @dataclass(eq=False)
@@ -56,6 +60,13 @@ class Plant:
         Time constant of a low-pass over the sensors, and by how much their clock is late.
     laws
         Torques that are given by tables.
+    contact_law
+        (c, 5) numbers of the contacts that have a law of their own; see `SphereOnPlane`.
+    spring_half_gap
+        (n,) play to either side of each joint's rest position, within which its spring does nothing.
+    start_swing, start_swing_rate_per_s
+        How far a start at rest is from equilibrium, as a share of the way to the pose in which the springs are free, and how fast it moves
+        that way.
     """
 
     mechanism: Mechanism
@@ -84,6 +95,10 @@ class Plant:
     sensor_lag_s: float = 0.0
     sensor_delay_s: float = 0.0
     laws: tuple[JointLaw, ...] = ()
+    contact_law: Floats = field(default_factory=lambda: np.empty((0, 5)))
+    spring_half_gap: Floats = field(default_factory=lambda: np.empty(0))
+    start_swing: float = 0.0
+    start_swing_rate_per_s: float = 0.0
 
     @property
     def has_yielding_gears(self) -> bool:
@@ -104,7 +119,15 @@ def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False)
 
     model = copy.copy(mechanism.model)
     model.opt.timestep = step_s
-    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    if not mechanism.is_implicit:
+        model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    model.dof_armature[list(mechanism.prescribed)] = ARMATURE
+    replaced = {frozenset((law.sphere, law.plane)) for law in mechanism.contacts}
+    for pair in range(model.npair):
+        if frozenset((model.geom(model.pair_geom1[pair]).name, model.geom(model.pair_geom2[pair]).name)) in replaced:
+            model.pair_margin[pair] = NEVER_M
+    if replaced and len(replaced) == model.npair and not np.any(model.geom_contype & model.geom_conaffinity[:, None]):
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT  # no contact is left to be looked for
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     if not reads_sensors:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
@@ -129,6 +152,8 @@ def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False)
         sensor_offset=np.zeros(model.nsensordata),
         sensor_drift_per_s=np.zeros(model.nsensordata),
         sensor_crosstalk=np.zeros((model.nsensordata, model.nsensordata)),
+        contact_law=np.array([contact.law for contact in mechanism.contacts]).reshape(-1, 5),
+        spring_half_gap=zeros.copy(),
     )
 
 
@@ -183,6 +208,7 @@ def scale_contact_stiffness(plant: Plant, factor: float) -> None:
         is_direct = solref[:, 0] < 0.0
         solref[is_direct, 0] *= factor
         solref[~is_direct, 1] /= np.sqrt(factor)
+    plant.contact_law[:, STIFFNESS] *= factor
 
 
 def scale_contact_damping(plant: Plant, factor: float) -> None:
@@ -192,9 +218,11 @@ def scale_contact_damping(plant: Plant, factor: float) -> None:
         solref[is_direct, 1] *= factor
         solref[~is_direct, 0] /= factor
         solref[~is_direct, 1] *= factor
+    plant.contact_law[:, DAMPING] *= factor
 
 
 def scale_contact_friction(plant: Plant, factor: float) -> None:
     """Multiplies the sliding friction of all contacts."""
     plant.model.geom_friction[:, 0] *= factor
     plant.model.pair_friction[:, :2] *= factor
+    plant.contact_law[:, FRICTION] *= factor

@@ -18,9 +18,13 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
+from rfca_rig.mechanism.contact_law import ContactArrays, push
 from rfca_rig.mechanism.gears import PARTS, SMOOTHED_S, add_deflection, estimate_gear_start
 from rfca_rig.mechanism.joint_law import pack_laws
 from rfca_rig.mechanism.plant import Plant
+from rfca_rig.mechanism.prescribed import PrescribedArrays, PrescribedMotion, prescribe
+from rfca_rig.mechanism.rest import hang
+from rfca_rig.mechanism.spring_play import PlayArrays, close_gaps
 from rfca_rig.model.compiled import compiled
 
 Floats = NDArray[np.float64]
@@ -43,21 +47,26 @@ class CommandTrace:
 
 @dataclass(frozen=True)
 class Motion:
-    """What would be read, (k, ...): positions and speeds of the joints in rad and rad/s or m and m/s, and the sensors in SI units."""
+    """What would be read, (k, ...): positions and speeds of the joints in rad and rad/s or m and m/s, and the sensors in SI units.
+
+    `touch_s` (c,) is when each contact that has a law of its own first touched, inf where it never did.
+    """
 
     position: Floats
     speed: Floats
     sensors: Floats
+    touch_s: Floats
 
 
 @cache
-def _step_address() -> int:
-    """The address of MuJoCo's `mj_step`."""
+def _step_addresses() -> NDArray[np.int64]:
+    """The addresses of MuJoCo's `mj_step`, and of its two halves."""
     import mujoco  # noqa: PLC0415  (optional)
 
     folder = Path(mujoco.__file__).parent
     library = next(path for name in ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll") for path in folder.glob(name))
-    return int(ctypes.cast(ctypes.CDLL(str(library)).mj_step, ctypes.c_void_p).value or 0)
+    functions = ctypes.CDLL(str(library))
+    return np.array([ctypes.cast(getattr(functions, name), ctypes.c_void_p).value for name in ("mj_step", "mj_step1", "mj_step2")])
 
 
 def _call_step(typing_context: Any, address: Any, model: Any, data: Any) -> Any:
@@ -116,7 +125,7 @@ def act_tables(
 
 @compiled
 def carry(
-    step: int,
+    step: NDArray[np.int64],
     model: int,
     data: int,
     q: Floats,
@@ -139,6 +148,9 @@ def carry(
     sensordata: Floats,
     path_s: Floats,
     path_torque: Floats,
+    prescribed: PrescribedArrays,
+    contacts: ContactArrays,
+    play: PlayArrays,
 ) -> None:
     """Steps through `command` (k, u) and notes positions and speeds before each step and after the last, (k + 1, n).
 
@@ -151,10 +163,14 @@ def carry(
     `torque_speed` (2, u) or (2, 0): the largest command at rest, and the share of it that each unit of speed of the actuator's joint,
     `joints` (u,), takes away; the second is negative where the gear turns the other way round. `path_torque` (k, n) or (k, 0): the torques
     of the actuators in each step.
+
+    Where contacts have a law of their own, each step is done in halves: they ask for places and speeds of the step's beginning.
     """
     for k in range(command.shape[0]):
-        for m in range(law_numbers.shape[0]):
-            applied[int(law_numbers[m, 0])] = offset[int(law_numbers[m, 0])]
+        for i in range(q.size):
+            applied[i] = offset[i]
+        prescribe(prescribed, k, h, q, w, applied)
+        close_gaps(play, q, w, applied)
         for i in range(q.size):
             path_q[k, i], path_w[k, i] = q[i], w[i]
             rise = friction[2, i] * np.exp(-abs(w[i]) / friction[3, i]) if friction[1, i] > 0.0 else 0.0
@@ -163,7 +179,7 @@ def carry(
                 slip = h * w[i] / friction[6, i]  # exact for a speed that lasts the step; the mean over the step acts
                 towards = 1.0 if slip > 0.0 else -1.0
                 after = towards + (bristle[i] - towards) * np.exp(-abs(slip))
-                applied[i] = offset[i] - friction[5, i] * 0.5 * (bristle[i] + after)
+                applied[i] -= friction[5, i] * 0.5 * (bristle[i] + after)
                 bristle[i] = after
         if law_numbers.shape[0] > 0:
             act_tables(law_numbers, law_tables, q, w, path_w[max(k - 1, 0)], h, applied, frictionloss)
@@ -172,11 +188,17 @@ def carry(
         for j in range(torque_speed.shape[1]):
             lost = torque_speed[1, j] * w[joints[j]]
             ctrl[j] = min(max(ctrl[j], -torque_speed[0, j] * max(0.0, 1.0 + lost)), torque_speed[0, j] * max(0.0, 1.0 - lost))
-        call_step(step, model, data)
+        if contacts.radius.size > 0:
+            call_step(step[1], model, data)
+            push(contacts, h)
+            call_step(step[2], model, data)
+        else:
+            call_step(step[0], model, data)
         for i in range(path_s.shape[1]):
             path_s[k, i] = sensordata[i]
         for i in range(path_torque.shape[1]):
             path_torque[k, i] = by_actuators[i]
+    prescribe(prescribed, command.shape[0], h, q, w, applied)
     for i in range(q.size):
         path_q[-1, i], path_w[-1, i] = q[i], w[i]
 
@@ -189,7 +211,15 @@ def lag(values: Floats, share: float) -> None:
             values[k, i] = values[k - 1, i] + share * (values[k, i] - values[k - 1, i])
 
 
-def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s: Floats, since_s: float = 0.0) -> Motion:
+def roll(
+    plant: Plant,
+    trace: CommandTrace,
+    position: Floats | None,
+    speed: Floats | None,
+    t_s: Floats,
+    since_s: float = 0.0,
+    prescribed: PrescribedMotion | None = None,
+) -> Motion:
     """The motion from a start at time zero.
 
     Parameters
@@ -199,21 +229,24 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     trace
         What its actuators were told. It begins before zero, so that delays and lags are filled.
     position, speed
-        (n,) as read at the start.
+        (n,) as read at the start; None for a start at rest in equilibrium.
     t_s
         (k,) ascending, above zero, where the motion is read.
     since_s
         How long before the start the recording began.
+    prescribed
+        The motion of the prescribed joints, as read.
 
     Raises
     ------
     SimulationFailed
-        Where the simulation diverges.
+        Where the simulation diverges, or there is no equilibrium to start in.
     """
     h, sample_s = plant.step_s, float(t_s[-1]) / len(t_s)
     beyond_s = sample_s if plant.has_yielding_gears else 0.0  # the speed of a deflection at the end
     steps = int(np.ceil((t_s[-1] + beyond_s) / h - 1e-9))
-    path_q, path_w, path_s = _integrate(plant, trace, steps, position - plant.zero_offset, speed, since_s, sample_s)
+    start = None if position is None or speed is None else (position - plant.zero_offset, speed)
+    path_q, path_w, path_s, touch_s = _integrate(plant, trace, steps, start, since_s, sample_s, _prescribe(plant, prescribed, steps))
     if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
         raise SimulationFailed(f"the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
     read_w = path_w
@@ -223,13 +256,48 @@ def roll(plant: Plant, trace: CommandTrace, position: Floats, speed: Floats, t_s
     place = np.minimum((t_s / h).astype(np.intp), steps - 1)
     x = (t_s / h - place)[:, None]
     position = _between(path_q, path_w, place, x, h) + plant.zero_offset
-    return Motion(position, read_w[place] + x * (read_w[place + 1] - read_w[place]), _read_sensors(plant, path_s, t_s, since_s))
+    return Motion(position, read_w[place] + x * (read_w[place + 1] - read_w[place]), _read_sensors(plant, path_s, t_s, since_s), touch_s)
+
+
+def _prescribe(plant: Plant, motion: PrescribedMotion | None, steps: int) -> PrescribedArrays:
+    joints = np.array(plant.mechanism.prescribed, dtype=np.intp)
+    if motion is None:
+        return PrescribedArrays(joints[:0], np.empty((steps + 1, 0)), np.empty((steps + 1, 0)))
+    position, speed = motion.sample(np.arange(steps + 1, dtype=np.float64) * plant.step_s)
+    return PrescribedArrays(joints, position - plant.zero_offset[joints], speed)
+
+
+def _contact_arrays(plant: Plant, data: Any) -> ContactArrays:
+    model, laws = plant.model, plant.mechanism.contacts
+    sphere = np.array([model.geom(law.sphere).id for law in laws], dtype=np.intp)
+    plane = np.array([model.geom(law.plane).id for law in laws], dtype=np.intp)
+    return ContactArrays(
+        plant.contact_law, np.array(model.geom_size[sphere, 0]), sphere, plane,
+        model.geom_bodyid[sphere].astype(np.intp), model.body_rootid.astype(np.intp),
+        np.zeros((len(laws), 3)), np.zeros(len(laws)), np.zeros(1), np.full(len(laws), np.inf), np.empty((3, 3)),
+        data.geom_xpos, data.geom_xmat, data.xipos, data.subtree_com, data.cvel, data.xfrc_applied,
+    )  # fmt: skip
+
+
+def _play_arrays(plant: Plant) -> PlayArrays:
+    model = plant.model
+    ahead_s = 0.0 if plant.mechanism.is_implicit else 0.5 * plant.step_s
+    return PlayArrays(plant.spring_half_gap, model.qpos_spring, np.vstack([model.jnt_stiffness, model.jnt_stiffnesspoly.T]), ahead_s)
 
 
 def _integrate(
-    plant: Plant, trace: CommandTrace, steps: int, position: Floats, speed: Floats, since_s: float, sample_s: float
-) -> tuple[Floats, Floats, Floats]:
-    """Positions and speeds (k + 1, n), as the encoders have them, and sensors (k + 1, d) at the ends of the steps."""
+    plant: Plant,
+    trace: CommandTrace,
+    steps: int,
+    start: tuple[Floats, Floats] | None,
+    since_s: float,
+    sample_s: float,
+    driven: PrescribedArrays,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Positions and speeds (k + 1, n), as the encoders have them, and sensors (k + 1, d) at the ends of the steps; when contacts touched.
+
+    `start` are positions and speeds (n,) as the motors have them, None for a start at rest.
+    """
     import mujoco  # noqa: PLC0415  (optional)
 
     model = plant.model
@@ -238,7 +306,13 @@ def _integrate(
     path_s = np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0))
     friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss, plant.hysteresis])
     with plant.mechanism.borrow_data(model) as data:
-        data.qpos[:], data.qvel[:], data.ctrl[:], data.qfrc_applied[:] = position, speed, commands[0], plant.torque_offset
+        contacts, play = _contact_arrays(plant, data), _play_arrays(plant)
+        data.ctrl[:] = commands[0]
+        if start is None:
+            _start_at_rest(plant, data, driven, contacts, play)
+        else:
+            data.qpos[:], data.qvel[:] = start
+        data.qfrc_applied[:] = plant.torque_offset
         mujoco.mj_forward(model, data)  # the first step's friction asks for the actuators' torques
         gears = None
         if plant.has_yielding_gears:  # the start was read by the motors' encoders, too
@@ -249,17 +323,31 @@ def _integrate(
             mujoco.mj_forward(model, data)
         path_torque = np.empty((steps, 0 if gears is None else model.nv))
         carry(
-            _step_address(), model._address, data._address,
+            _step_addresses(), model._address, data._address,
             data.qpos, data.qvel, data.ctrl, data.qfrc_actuator, data.qfrc_applied, model.dof_frictionloss,
             commands, friction, plant.torque_offset, np.zeros(model.nv), *pack_laws(plant.laws), *_torque_speed(plant),
-            plant.step_s, path_q, path_w, data.sensordata, path_s, path_torque,
+            plant.step_s, path_q, path_w, data.sensordata, path_s, path_torque, driven, contacts, play,
         )  # fmt: skip
         if path_s.size:
+            if contacts.radius.size:
+                mujoco.mj_forward(model, data)
+                push(contacts, 0.0)
             mujoco.mj_forward(model, data)
             path_s[-1] = data.sensordata
     if gears is not None and np.isfinite(path_w[-1]).all():
         add_deflection(plant, gears, path_torque, path_q, path_w, sample_s)
-    return path_q, path_w, path_s
+    return path_q, path_w, path_s, contacts.touch_s
+
+
+def _start_at_rest(plant: Plant, data: Any, driven: PrescribedArrays, contacts: ContactArrays, play: PlayArrays) -> None:
+    """Puts the plant into equilibrium, or as far from it as it still swings."""
+    model, moving = plant.model, plant.mechanism.simulated
+    data.qpos[driven.joints] = driven.position[0]
+    hang(model, data, np.array(moving, dtype=np.intp), plant.torque_offset, contacts, play)
+    sprung = [joint for joint in moving if plant.mechanism.has_spring(joint)]
+    lift = model.qpos_spring[sprung] - data.qpos[sprung]
+    data.qpos[sprung] += plant.start_swing * lift
+    data.qvel[sprung] = plant.start_swing_rate_per_s * lift
 
 
 def _torque_speed(plant: Plant) -> tuple[Floats, Places]:

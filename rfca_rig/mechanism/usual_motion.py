@@ -20,7 +20,7 @@ class UsualMotion:
     Parameters
     ----------
     torque, speed, travel, inertia
-        (n,) of each joint, rms over the recordings: torque of weight and drive, speed, travel about the mean, and inertia.
+        (n,) of each joint, rms over the recordings: torque of weight, springs and drive, speed, travel about the mean, and inertia.
     lowest, highest
         (n,) the range of each joint's position.
     command
@@ -72,9 +72,9 @@ def measure_usual_motion(
     mechanism
         The mechanism.
     position, speed
-        (w, n) at the beginning of each window.
+        (w, n) at the beginning of each window, or at moments of the nominal motion where windows start at rest.
     commands
-        For each window (k, u).
+        For each of these (k, u).
     seconds
         Length of a window.
     has_speeds
@@ -89,7 +89,7 @@ def measure_usual_motion(
     for at, command in zip(position, commands, strict=True):
         data.qpos[:], data.qvel[:], data.ctrl[:] = at, 0.0, 0.0
         mujoco.mj_forward(model, data)
-        square += data.qfrc_bias**2
+        square += data.qfrc_bias**2 + data.qfrc_spring**2
         for joint, unit in enumerate(np.eye(model.nv)):
             mujoco.mj_mulM(model, data, column, unit)
             inertia[joint] += column[joint]
@@ -103,12 +103,16 @@ def measure_usual_motion(
     if not torque.any():  # nothing pulls and nothing drives: what brakes the motion within a window
         torque = inertia * usual_speed / seconds
     largest = np.max([np.abs(command).max(axis=0, initial=0.0) for command in commands], axis=0)
-    torque, usual_speed, travel, inertia = (_not_small(v, mechanism.is_slide) for v in (torque, usual_speed, travel, inertia))
+    torque, usual_speed, travel, inertia = (_not_small(v, mechanism) for v in (torque, usual_speed, travel, inertia))
     lowest, highest = position.min(axis=0), position.max(axis=0)
     return UsualMotion(torque, usual_speed, travel, inertia, lowest, highest, largest, has_speeds, sensors)
 
 
-def _not_small(values: Floats, slides: NDArray[np.bool_]) -> Floats:
-    """A joint that hardly moves or bears counts as a tenth of the largest of its kind; hinges and slides have other units."""
-    largest = [float(values[slides == kind].max()) for kind in slides]
+def _not_small(values: Floats, mechanism: Mechanism) -> Floats:
+    """A joint that hardly moves or bears counts as a tenth of the largest of its kind; hinges and slides have other units.
+
+    Joints that are prescribed are no measure for those that are not.
+    """
+    slides, moving = mechanism.is_slide, np.isin(np.arange(len(values)), mechanism.simulated)
+    largest = [float(values[(slides == kind) & moving].max(initial=0.0)) for kind in slides]
     return np.maximum(values, np.maximum(0.1 * np.array(largest), 1e-12))

@@ -9,7 +9,7 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import StrokePhases
 from rfca_rig.analysis.valley import Valley
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.diagnosis.diagnose import _body
+from rfca_rig.diagnosis.diagnose import prepare_data
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.leg.simulator import leg_dataset
 from rfca_rig.diagnosis.leg.strokes import FlapCondition, Turn
@@ -32,7 +32,7 @@ def told(folder, strangers):
     """The free form for a campaign that hides this, without a look at the catalogue."""
     (case,) = drawn_cases(7, {NOTHING: 1})
     write_campaign(replace(case, design=SHORT, strangers=strangers), folder / "campaign")
-    body, _ = _body([read_campaign(folder / "campaign")])
+    body, _ = prepare_data([read_campaign(folder / "campaign")])
     return free_form(search_models(leg_dataset(body.flaps), body.coordinates, [], lambda *_: None))
 
 

@@ -12,7 +12,7 @@ from rfca_rig.campaign.pendulum import read_pendulum_campaign
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.description.model_file import read_model_file
-from rfca_rig.diagnosis.diagnose import _body, search_base
+from rfca_rig.diagnosis.diagnose import prepare_data, search_base
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization, coordinate_of, value_of
 from rfca_rig.diagnosis.leg.simulator import leg_dataset
@@ -104,7 +104,7 @@ def test_a_stribeck_law_of_another_exponent_is_measured_and_its_model_predicts_n
     write_measured_model(tmp_path / "model.toml", law, recording)
     again = read_model_file(tmp_path / "model.toml").model()
     assert again.effects[-1].table.values == pytest.approx(law.present.table.values, abs=1e-6)
-    body, _ = _body([campaign(tmp_path / "other heights", OTHER, effects=concealed)])
+    body, _ = prepare_data([campaign(tmp_path / "other heights", OTHER, effects=concealed)])
     others = leg_dataset(body.flaps)
     believed, with_law = (np.std(others.rows.measured - others.predicted(Supposed(rig))) for rig in (body.rig, again))
     assert with_law < 0.5 * believed

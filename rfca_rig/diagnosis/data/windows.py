@@ -23,12 +23,16 @@ ROUGH = 0.3  # share of the model's error that is not smooth
 
 @dataclass(frozen=True)
 class WindowRows:
-    """What was measured in one window: times (b,) in the run, and `measured`, `noise` and `scale` (s, b) of s signals in b bins."""
+    """What was measured in one window: times (b,) in the run, and `measured`, `noise`, `scale` and `jolt` (s, b) of s signals in b bins.
+
+    Without a `jolt`, errors that differ from bin to bin are the usual share of the `scale`.
+    """
 
     t_s: Floats
     measured: Floats
     noise: Floats
     scale: Floats
+    jolt: Floats | None = None
 
 
 def group(windows: Sequence[W]) -> list[Sequence[W]]:
@@ -59,7 +63,7 @@ def observe(windows: Sequence[WindowRows], labels: tuple[Label, ...], run: str, 
         measured=np.concatenate([w.measured.ravel() for w in windows]),
         noise=np.concatenate([w.noise.ravel() for w in windows]),
         scale=scale,
-        jolt=ROUGH * scale,
+        jolt=np.concatenate([(ROUGH * w.scale if w.jolt is None else w.jolt).ravel() for w in windows]),
         progress=t_s / smooth_over_s,
         t_s=t_s,
         phase=np.full(len(t_s), run),

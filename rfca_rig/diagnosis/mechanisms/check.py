@@ -1,6 +1,7 @@
 """`check_experiment`: whether recordings of a mechanism can be used, and what is probably wrong with them, a line each."""
 
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,8 @@ from rfca_rig.diagnosis.mechanisms.column_checks import CheckLine, check_command
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
 from rfca_rig.diagnosis.mechanisms.problem import (
     MechanismProblem,
-    cut_windows,
+    assign_roles,
+    list_windows,
     make_problem,
     match_columns,
     shortest_recording_s,
@@ -23,7 +25,7 @@ from rfca_rig.diagnosis.mechanisms.problem import (
 )
 from rfca_rig.diagnosis.mechanisms.readings import Correction, find_corrections
 from rfca_rig.diagnosis.mechanisms.speeds import compare_speeds
-from rfca_rig.diagnosis.mechanisms.states import estimate_states
+from rfca_rig.diagnosis.mechanisms.states import can_balance, estimate_states
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.inverse_dynamics import TorqueBalance, balance_torques
 from rfca_rig.mechanism.load import Mechanism, load_mechanism
@@ -47,7 +49,7 @@ def check_experiment(folder: Path) -> Iterator[CheckLine]:
     """
     experiment = read_experiment(folder)
     described = read_toml(experiment.path, ExperimentFile)
-    mechanism = load_mechanism(experiment.model)
+    mechanism = assign_roles(experiment, load_mechanism(experiment.model))
     yield _describe_model(mechanism)
     yield from _check_windows(experiment, mechanism)
     ratios = compare_speeds(experiment)
@@ -55,6 +57,9 @@ def check_experiment(folder: Path) -> Iterator[CheckLine]:
     states = estimate_states(experiment, mechanism)
     balance = balance_torques(mechanism, states)
     shares = _imbalances(mechanism, balance)
+    if not can_balance(mechanism):
+        words = "not checked: it needs the state of every joint, no prescribed joint, and MuJoCo's own contacts"
+        yield CheckLine("balance", "all joints", words)
     yield from (CheckLine("balance", name, _describe_balance(share), values={"imbalance": share}) for name, share in shares.items())
     corrections = find_corrections(described, mechanism, states, ratios)
     yield from check_corrections(corrections)
@@ -75,9 +80,9 @@ def check_experiment(folder: Path) -> Iterator[CheckLine]:
         said = str(error).removeprefix(f"{experiment.model}: ")
         raise BadInput(f"{experiment.model}: the nominal model cannot be simulated from the recorded states: {said}") from None
     step_s = problem.simulator.step_s
-    words = f"Runge-Kutta with steps of {1e3 * step_s:g} ms, whose error is below a tenth of noise and usual model error"
+    words = f"{problem.simulator.integrator} with steps of {1e3 * step_s:g} ms, whose error is below a tenth of noise and usual model error"
     yield CheckLine("integrator", "step", words, values={"step_s": step_s})
-    yield _check_conditions(problem)
+    yield _check_conditions(problem, experiment)
 
 
 def _describe_model(mechanism: Mechanism) -> CheckLine:
@@ -93,10 +98,14 @@ def _check_windows(experiment: Experiment, mechanism: Mechanism) -> Iterator[Che
     match = match_columns(experiment, mechanism)
     for run in experiment.runs:
         steps_s, all_windows = np.diff(run.t_s), len(window_starts(run, experiment))
-        used = len(cut_windows(run, experiment, mechanism, match))
+        used = sum(len(of_run) for of_run in list_windows(replace(experiment, runs=(run,)), mechanism, match))
         length_s, rate_Hz, gap_s = float(run.t_s[-1] - run.t_s[0]), 1.0 / float(np.median(steps_s)), float(steps_s.max())
         words = f"{length_s:.4g} s at {rate_Hz:.4g} Hz, largest gap {1e3 * gap_s:.3g} ms, "
-        words += f"{used} of {all_windows} windows of {experiment.window_s:g} s can be used{'' if run.driven else ', not driven'}"
+        if experiment.starts_at_rest:
+            words += f"{'can' if used else 'cannot'} be used as a whole, from rest"
+        else:
+            words += f"{used} of {all_windows} windows of {experiment.window_s:g} s can be used"
+        words += "" if run.driven or not experiment.actuators else ", not driven"
         values = {"length_s": length_s, "rate_Hz": rate_Hz, "largest_gap_s": gap_s, "windows": all_windows, "usable_windows": used}
         yield CheckLine("recording", run.label, words, values=values)
         if not all_windows:
@@ -148,9 +157,10 @@ def _check_prediction(
     windows = [each for condition in problem.conditions for each in condition.windows]
     misses = [each.window.measured - problem.simulator.predict(plant, each) for each in windows]
     changes = [each.window.measured - each.window.measured[:, :1] for each in windows]
+    where = "motions from rest" if experiment.starts_at_rest else f"windows of {experiment.window_s:g} s"
     for place, signal in enumerate(described.signals):
         miss, change = (rms(np.concatenate([each[place] for each in of_all])) / abs(signal.factor) for of_all in (misses, changes))
-        words = f"the nominal model misses it by {miss:.3g} {signal.unit} (rms) over windows of {experiment.window_s:g} s, "
+        words = f"the nominal model misses it by {miss:.3g} {signal.unit} (rms) over {where}, "
         words += f"in which it changes by {change:.3g} {signal.unit}"
         yield CheckLine("prediction", signal.column, words, values={"miss": miss, "change": change})
         if miss > change and signal.quantity == "position" and signal.joint in upset:
@@ -158,10 +168,11 @@ def _check_prediction(
             yield CheckLine("prediction", signal.column, said, is_warning=True)
 
 
-def _check_conditions(problem: MechanismProblem) -> CheckLine:
+def _check_conditions(problem: MechanismProblem, experiment: Experiment) -> CheckLine:
     """Whether there are enough stretches for a diagnosis."""
     count, values = len(problem.conditions), {"conditions": len(problem.conditions)}
-    words = f"{count} stretches of about {WINDOWS_OF_CONDITION} windows, each predicted from the others"
+    of = "motions from rest" if experiment.starts_at_rest else f"stretches of about {WINDOWS_OF_CONDITION} windows"
+    words = f"{count} {of}, each predicted from the others"
     if count < FEWEST_CONDITIONS:
         return CheckLine("diagnosis", "conditions", f"{words}; diagnose needs {FEWEST_CONDITIONS}: record more", True, values)
     return CheckLine("diagnosis", "conditions", words, values=values)

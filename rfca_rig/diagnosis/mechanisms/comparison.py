@@ -10,7 +10,7 @@ from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.diagnosis.inference.model_selection import Progress
 from rfca_rig.diagnosis.mechanisms.fit import fit_problem
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
-from rfca_rig.diagnosis.mechanisms.states import estimate_states
+from rfca_rig.diagnosis.mechanisms.states import can_balance, estimate_states
 from rfca_rig.diagnosis.window_fit import WindowFit
 from rfca_rig.mechanism.inverse_dynamics import balance_torques
 from rfca_rig.mechanism.load import load_mechanism
@@ -68,10 +68,11 @@ def compare_mechanism(experiment: Experiment, progress: Progress) -> MechanismCo
     mechanism = load_mechanism(experiment.model)
     problem = make_problem(experiment, mechanism)
     fit = fit_problem(problem, problem.space, (), progress).fit
+    mechanism = problem.simulator.mechanism
     states = estimate_states(experiment, mechanism)
     remainder = balance_torques(mechanism, states).remainder
     joints = [
         JointRemainder(name, bool(mechanism.is_slide[j]), states.position[:, j], states.speed[:, j], remainder[:, j])
-        for j, name in enumerate(mechanism.joints)
+        for j, name in enumerate(mechanism.joints if can_balance(mechanism) else ())
     ]
     return MechanismComparison(fit, tuple(joints))

@@ -74,7 +74,12 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
         length_s = WINDOWS_OF_CONDITION * experiment.window_s
         decision = not_enough_data(found, f"{len(problem.conditions)} stretches of {length_s:g} s, {FEWEST_CONDITIONS} are needed")
     result = build_result(experiment.title, found, decision, effects, MECHANISMS)
-    settings = {"window_s": experiment.window_s, "bin_s": experiment.bin_s, "step_s": simulator.step_s, "integrator": "RK4"}
+    settings = {
+        "window_s": experiment.window_s,
+        "bin_s": experiment.bin_s,
+        "step_s": simulator.step_s,
+        "integrator": "implicit" if simulator.mechanism.is_implicit else "RK4",
+    }
     stated = decision.explanation if result.found_effects else found.nothing
     plant = simulator.plant(stated.fitted.coordinates.supposed(stated.marginal.posterior.mean))
     fewer = f"{problem.windows} of {problem.recorded_windows} recorded windows were used, evenly spread; windows.at_most uses more"

@@ -8,7 +8,7 @@ import numpy as np
 
 from rfca_rig.analysis.fitting.space import Parameter, Space, never_below
 from rfca_rig.mechanism.load import Mechanism
-from rfca_rig.mechanism.nuisances import NUISANCES, OF_COMMANDS, SENSORS, places_of
+from rfca_rig.mechanism.nuisances import NUISANCES, OF_COMMANDS, SENSORS, groups_of
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.parameters import PresentEffect
 
@@ -23,6 +23,11 @@ class MechanismInput:
     @property
     def rig(self) -> None:
         """None: no effect of a mechanism counts its size from a value of the leg."""
+
+    def shifted(self, key: str, place: int, by: float) -> Self:
+        """The same with one more shift of a nominal value."""
+        now = dict(self.off)
+        return replace(self, off=tuple({**now, (key, place): now.get((key, place), 0.0) + by}.items()))
 
     def with_effects(self, effects: tuple[PresentEffect, ...]) -> Self:
         """The same with these effects beside those that are there."""
@@ -49,22 +54,23 @@ def space_of_mechanism(
     for key, std in known_to.items():
         if key in NUISANCES and (is_driven or key not in OF_COMMANDS):
             objects = NUISANCES[key].objects
-            for name, place in places_of(mechanism, objects).items():
+            for name, places in groups_of(mechanism, objects).items():
                 if objects not in SENSORS or name in sensors:
-                    parameters.append(_parameter(mechanism, key, name, place, std))
+                    parameters.append(_parameter(mechanism, key, name, places, std))
                     stds.append(std)
     return Space(tuple(parameters), MechanismInput(), np.array(stds), np.ones(len(stds), dtype=bool))
 
 
-def _parameter(mechanism: Mechanism, key: str, name: str, place: int, std: float) -> Parameter[MechanismInput]:
+def _parameter(mechanism: Mechanism, key: str, name: str, places: tuple[int, ...], std: float) -> Parameter[MechanismInput]:
     kind = NUISANCES[key]
-    shift = float if kind.nominal is None else never_below(kind.nominal(mechanism, place), std)
+    shift = float if kind.nominal is None else never_below(kind.nominal(mechanism, places[0]), std)
 
     def read(at: MechanismInput) -> float:
-        return dict(at.off).get((key, place), 0.0)
+        return dict(at.off).get((key, places[0]), 0.0)
 
     def write(at: MechanismInput, value: float) -> MechanismInput:
-        return replace(at, off=(*(pair for pair in at.off if pair[0] != (key, place)), ((key, place), shift(value))))
+        others = (pair for pair in at.off if pair[0] not in {(key, place) for place in places})
+        return replace(at, off=(*others, *(((key, place), shift(value)) for place in places)))
 
     return Parameter(f"{name}.{key}" if name else key, kind.unit, False, std, read, write)
 

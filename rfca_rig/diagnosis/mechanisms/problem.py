@@ -5,6 +5,7 @@ the torque in each joint is off by 1 % of what weight and drive make there.
 """
 
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -16,15 +17,19 @@ from rfca_rig.analysis.swings import MARGIN_S, SMOOTHED_S, bin_means, bin_starts
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data.observations import rms
-from rfca_rig.diagnosis.data.windows import group
+from rfca_rig.diagnosis.data.windows import ROUGH, group
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
+from rfca_rig.diagnosis.mechanisms.rest_windows import correct_rest_window, cut_rest_window, group_repeats
 from rfca_rig.diagnosis.mechanisms.windows import CorrectedWindow, MechanismSimulator, Motions, Window
 from rfca_rig.diagnosis.simulator import spread
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.mechanism.contact_law import check_contacts
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import Mechanism
+from rfca_rig.mechanism.nuisances import OF_RESTS
 from rfca_rig.mechanism.plant import Plant
-from rfca_rig.mechanism.rollout import CommandTrace
+from rfca_rig.mechanism.prescribed import fit_trajectory
+from rfca_rig.mechanism.rollout import CommandTrace, Motion
 from rfca_rig.mechanism.usual_motion import UsualMotion, measure_usual_motion
 from rfca_rig.nearest import suggestion
 
@@ -32,6 +37,8 @@ Floats = NDArray[np.float64]
 
 STEP_OF_ERRORS_S = 1e-3  # of what errors do, which is known to some percent at best
 STEPS_S = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
+STEADY = 0.02  # relative difference of the readings to those with half the step
+STATES_LOOKED_AT = 20  # of a motion from rest, evenly spread: enough for an rms
 STEP_ERROR = 0.1  # share of the sensors' and the usual model error together that the integrator may add, rms
 
 
@@ -86,7 +93,7 @@ class ColumnMatch:
     columns
         (s,) the column of each signal in positions, speeds and sensors side by side.
     positions
-        (n,) which signal holds the position of each joint.
+        (n,) which signal holds the position of each joint; -1 where none does.
     actuators
         (c,) the place of the actuator of each recorded command.
     """
@@ -107,18 +114,73 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
+    mechanism = assign_roles(experiment, mechanism)
     match = match_columns(experiment, mechanism)
-    cut = [cut_windows(run, experiment, mechanism, match) for run in experiment.runs]
+    cut = list_windows(experiment, mechanism, match)
     recorded = sum(len(of_run) for of_run in cut)
     cut = [_thin(of_run, experiment.most_windows / max(recorded, 1)) for of_run in cut]
     windows = [window for of_run in cut for window in of_run]
     if not windows:
         raise BadInput(f"{experiment.path}: {_describe_no_window(experiment)}")
-    usual = measure_usual_motion(
+    still = MechanismSimulator(mechanism, STEP_OF_ERRORS_S, match.columns, {})
+    if experiment.starts_at_rest:
+        still = replace(still, step_s=_find_steady_step(still, windows))
+    motions = [still.roll(still.plant(MechanismInput()), window) if window.starts_at_rest else None for window in windows]
+    usual = _measure_usual(experiment, mechanism, windows, motions)
+    torque = usual.torque * experiment.known_to.get("torque_error_relative", USUAL_ERROR) / USUAL_ERROR
+    effects = {effect.id: effect for effect in list_effects(mechanism, usual)}
+    scatters = {joint.name: joint.scatter_std for joint in experiment.prescribed if joint.scatter_std is not None}
+    simulator = replace(still, effects=effects, scatters=scatters)
+    plant = simulator.plant(MechanismInput())
+    every = iter([
+        correct_window(window, simulator, plant, torque) if motion is None
+        else correct_rest_window(window, simulator, plant, torque, motion)
+        for window, motion in zip(windows, motions, strict=True)
+    ])  # fmt: skip
+    corrected = [[next(every) for _ in of_run] for of_run in cut]
+    step_s = choose_step(simulator, [each for of_run in corrected for each in of_run])
+    conditions = []
+    firsts = [runs[0] for runs in group_repeats(experiment.runs)] if experiment.starts_at_rest else experiment.runs
+    for run, of_run in zip(firsts, corrected, strict=True):
+        for part in group(of_run):
+            first, last = part[0].window, part[-1].window
+            label = run.condition if experiment.starts_at_rest else run.label
+            name = f"{label}, {first.start_s:.1f} to {last.start_s + last.t_s[-1]:.1f} s"
+            conditions.append(Motions(name, run.condition, label, match.signals, tuple(part)))
+    space = space_of_mechanism(mechanism, experiment.known_to, usual.is_driven, usual.sensors)
+    return MechanismProblem(replace(simulator, step_s=step_s), space, tuple(conditions), usual, torque, recorded)
+
+
+def list_windows(experiment: Experiment, mechanism: Mechanism, match: "ColumnMatch") -> list[list[Window]]:
+    """The windows of each recording, or where motions start at rest that of each condition, none or one."""
+    if not experiment.starts_at_rest:
+        return [cut_windows(run, experiment, mechanism, match) for run in experiment.runs]
+    found = []
+    for runs in group_repeats(experiment.runs):
+        window = cut_rest_window(runs, experiment, [arrange_commands(run, mechanism, match) for run in runs])
+        found.append([] if window is None else [window])
+    return found
+
+
+def _measure_usual(
+    experiment: Experiment, mechanism: Mechanism, windows: Sequence[Window], motions: Sequence[Motion | None]
+) -> UsualMotion:
+    position, speed, commands = [], [], []
+    for window, motion in zip(windows, motions, strict=True):
+        if motion is None:
+            position.append(window.position)
+            speed.append(window.speed)
+            commands.append(window.trace.command)
+        else:
+            looked_at = spread(len(window.t_s), STATES_LOOKED_AT)
+            position += list(motion.position[looked_at])
+            speed += list(motion.speed[looked_at])
+            commands += [window.trace.command[place + 1 : place + 2] for place in looked_at]
+    return measure_usual_motion(
         mechanism,
-        position=np.array([window.position for window in windows]),
-        speed=np.array([window.speed for window in windows]),
-        commands=[window.trace.command for window in windows],
+        position=np.array(position),
+        speed=np.array(speed),
+        commands=commands,
         seconds=float(windows[0].t_s[-1]),
         has_speeds=any(signal.quantity == "speed" for signal in experiment.signals),
         sensors={
@@ -127,20 +189,28 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
             if signal.quantity == "sensor"
         },
     )
-    torque = usual.torque * experiment.known_to.get("torque_error_relative", USUAL_ERROR) / USUAL_ERROR
-    effects = {effect.id: effect for effect in list_effects(mechanism, usual)}
-    simulator = MechanismSimulator(mechanism, STEP_OF_ERRORS_S, match.columns, effects)
-    plant = simulator.plant(MechanismInput())
-    corrected = [[correct_window(window, simulator, plant, torque) for window in of_run] for of_run in cut]
-    step_s = choose_step(simulator, [each for of_run in corrected for each in of_run])
-    conditions = []
-    for run, of_run in zip(experiment.runs, corrected, strict=True):
-        for part in group(of_run):
-            first, last = part[0].window, part[-1].window
-            name = f"{run.label}, {first.start_s:.1f} to {last.start_s + last.t_s[-1]:.1f} s"
-            conditions.append(Motions(name, run.condition, run.label, match.signals, tuple(part)))
-    space = space_of_mechanism(mechanism, experiment.known_to, usual.is_driven, usual.sensors)
-    return MechanismProblem(replace(simulator, step_s=step_s), space, tuple(conditions), usual, torque, recorded)
+
+
+def _find_steady_step(simulator: MechanismSimulator, windows: Sequence[Window]) -> float:
+    """The longest step with which the nominal model does about what it does with half of it, for what errors do.
+
+    Raises
+    ------
+    SimulationFailed
+        Where no step is short enough.
+    """
+    coarse: Floats | None = None
+    for step_s in (2.0 * STEP_OF_ERRORS_S, *(step_s for step_s in STEPS_S if step_s <= STEP_OF_ERRORS_S)):
+        fine, coarse_was = None, coarse
+        stepping = replace(simulator, step_s=step_s)
+        with suppress(SimulationFailed):
+            fine = stepping.follow(stepping.plant(MechanismInput()), windows[0])
+        if coarse_was is not None and fine is not None and rms(coarse_was - fine) < STEADY * rms(fine):
+            return step_s * 2.0
+        coarse = fine
+    stepping = replace(simulator, step_s=STEPS_S[-1])
+    stepping.follow(stepping.plant(MechanismInput()), windows[0])  # says why where it fails
+    return STEPS_S[-1]
 
 
 def _thin(windows: list[Window], share: float) -> list[Window]:
@@ -166,7 +236,7 @@ def choose_step(simulator: MechanismSimulator, windows: Sequence[CorrectedWindow
         except SimulationFailed:
             return None
 
-    allowed = np.concatenate([np.hypot(each.window.sensor_std, USUAL_ERROR * each.scale).ravel() for each in sample])
+    allowed = np.concatenate([np.hypot(each.window.sensor_std, USUAL_ERROR * each.error_scale).ravel() for each in sample])
     coarse = simulate_all(STEPS_S[0])
     for step_s, finer_s in pairwise(STEPS_S):
         fine = simulate_all(finer_s)
@@ -203,12 +273,60 @@ def match_columns(experiment: Experiment, mechanism: Mechanism) -> ColumnMatch:
             raise BadInput(f"{where}: {words} does not suit: the model has it in {expected}, not in {signal.unit}")
         names.append(f"{signal.name}_{signal.quantity}_{expected.replace(' ', '').replace('/', '_')}")
         columns.append(column)
-    missing = [name for place, name in enumerate(mechanism.joints) if place not in columns]
-    if missing:
-        raise BadInput(f"{where}: no signal holds the position of joint {missing[0]!r}; every joint of the model must be measured")
-    positions = [columns.index(joint) for joint in range(joints)]
+    positions = [columns.index(joint) if joint in columns else -1 for joint in range(joints)]
     actuators = [mechanism.actuator(name, where) for name in experiment.actuators]
     return ColumnMatch(tuple(names), np.array(columns), np.array(positions), np.array(actuators, dtype=np.intp))
+
+
+def assign_roles(experiment: Experiment, mechanism: Mechanism) -> Mechanism:
+    """The mechanism with what the experiment says of its joints and contacts.
+
+    Raises
+    ------
+    BadInput
+        Where a name is not in the model, a joint has two roles, or a joint without a position signal would have to start in motion.
+    """
+    where = str(experiment.path)
+    prescribed = tuple(mechanism.joint(joint.name, where) for joint in experiment.prescribed)
+    measured = {mechanism.joint(signal.name, where) for signal in experiment.signals if signal.quantity == "position"}
+    for place, joint in zip(prescribed, experiment.prescribed, strict=True):
+        expected = "m" if mechanism.is_slide[place] else "rad"
+        if joint.unit != expected:
+            raise BadInput(
+                f"{where}: the unit of prescribed joint {joint.name!r} does not suit: the model has it in {expected}, not in {joint.unit}"
+            )
+        if any(signal.name == joint.name for signal in experiment.signals if signal.quantity != "sensor"):
+            raise BadInput(f"{where}: joint {joint.name!r} is prescribed and a signal; remove one: what is given is not compared")
+        if mechanism.driven[place]:
+            raise BadInput(f"{where}: joint {joint.name!r} is prescribed and has an actuator; remove the actuator, or simulate the joint")
+    simulated = [place for place in range(len(mechanism.joints)) if place not in prescribed]
+    if not simulated:
+        raise BadInput(f"{where}: every joint is prescribed, so that nothing is simulated; remove a [[prescribed]] table")
+    unmeasured = tuple(place for place in simulated if place not in measured)
+    if unmeasured and not experiment.starts_at_rest:
+        name = mechanism.joints[unmeasured[0]]
+        raise BadInput(
+            f"{where}: no signal holds the position of joint {name!r}, so its start cannot be estimated; "
+            'measure it, or record from rest and state = "at rest" in [start]'
+        )
+    if not experiment.starts_at_rest and (key := next((key for key in OF_RESTS if key in experiment.known_to), None)):
+        raise BadInput(f'{where}: known_to.{key} is of motions from rest; remove it, or state = "at rest" in [start]')
+    names = {*mechanism.joints, *mechanism.bodies, *mechanism.actuators}
+    members = [member for group_ in experiment.alike.values() for member in group_]
+    for place, member in enumerate(members):
+        if member not in names:
+            raise BadInput(f"{where}: alike: {member!r} is no joint, body or actuator of the model; {suggestion(member, sorted(names))}")
+        if member in members[:place]:
+            raise BadInput(f"{where}: alike: {member!r} is in two groups, or twice in one")
+    check_contacts(mechanism.model, experiment.contacts, where)
+    return replace(
+        mechanism,
+        prescribed=prescribed,
+        unmeasured=unmeasured,
+        alike=experiment.alike,
+        contacts=experiment.contacts,
+        has_contacts=mechanism.has_contacts or bool(experiment.contacts),
+    )
 
 
 def arrange_commands(run: MechanismRun, mechanism: Mechanism, match: ColumnMatch) -> Floats:
@@ -220,11 +338,15 @@ def arrange_commands(run: MechanismRun, mechanism: Mechanism, match: ColumnMatch
 
 def shortest_recording_s(experiment: Experiment) -> float:
     """How long a recording must be for one window."""
+    if experiment.starts_at_rest:
+        return 2.0 * experiment.bin_s
     return experiment.window_s + 2.0 * SMOOTHED_S
 
 
 def window_starts(run: MechanismRun, experiment: Experiment) -> Floats:
     """Where the windows of a run begin, those with gaps among them."""
+    if experiment.starts_at_rest:
+        return run.t_s[:1] if run.t_s[-1] - run.t_s[0] >= shortest_recording_s(experiment) else run.t_s[:0]
     return np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - experiment.window_s, experiment.window_s)
 
 
@@ -245,7 +367,9 @@ def cut_windows(run: MechanismRun, experiment: Experiment, mechanism: Mechanism,
     length_s, bin_s = experiment.window_s, experiment.bin_s
     stated = [signal.noise_std for signal in experiment.signals]
     noise = np.array([std or found for std, found in zip(stated, sample_std(run.signals), strict=True)])
-    position, position_noise = run.signals[:, match.positions], noise[match.positions]
+    read = np.array(sorted(set(range(len(mechanism.joints))) - set(mechanism.prescribed)))
+    position, position_noise = run.signals[:, match.positions[read]], noise[match.positions[read]]
+    trajectory = fit_trajectory(run.t_s, run.prescribed, [joint.smoothed_s for joint in experiment.prescribed])
     commands = arrange_commands(run, mechanism, match)
     windows = []
     for start_s in window_starts(run, experiment):
@@ -256,7 +380,11 @@ def cut_windows(run: MechanismRun, experiment: Experiment, mechanism: Mechanism,
             continue  # a gap in it, or one that reaches into it: a bin would be empty, or its start unknown
         t_s = run.t_s[inside] - start_s
         bins = bin_starts(t_s, bin_s)
-        at, speed, at_std, speed_std = estimate_start(run.t_s, position, float(start_s), position_noise)
+        at, speed, at_std, speed_std = np.zeros((4, len(mechanism.joints)))
+        at[read], speed[read], at_std[read], speed_std[read] = estimate_start(run.t_s, position, float(start_s), position_noise)
+        follows = trajectory.since(float(start_s))
+        prescribed = list(mechanism.prescribed)
+        at[prescribed], speed[prescribed] = (values[0] for values in follows.sample(np.zeros(1)))
         counts = np.diff(np.append(bins, len(t_s)))
         measured = bin_means(run.signals[inside], bins).T
         windows.append(
@@ -271,6 +399,7 @@ def cut_windows(run: MechanismRun, experiment: Experiment, mechanism: Mechanism,
                 bins=bins,
                 measured=measured,
                 sensor_std=noise[:, None] / np.sqrt(counts),
+                prescribed=follows if prescribed else None,
             )
         )
     return windows
@@ -284,12 +413,16 @@ def correct_window(window: Window, simulator: MechanismSimulator, plant: Plant, 
         return np.asarray(0.5 * (ahead - behind))
 
     def shift(by: Floats) -> Floats:
+        if window.position is None or window.speed is None:
+            return simulator.follow(plant, window)
         moved = replace(window, position=window.position + by[:joints], speed=window.speed + by[joints:])
         return simulator.follow(plant, moved)
 
     def push(more: Floats) -> Floats:
         return simulator.follow(replace(plant, torque_offset=plant.torque_offset + more), window)
 
-    start_effect = np.stack([half_difference(shift(by), shift(-by)) for by in np.diag(window.start_std)])
-    square = sum((half_difference(push(more), push(-more)) / USUAL_ERROR) ** 2 for more in USUAL_ERROR * np.diag(torque))
-    return CorrectedWindow(window, start_effect, np.maximum.accumulate(np.sqrt(square), axis=1))  # what has grown stays grown
+    start_effect = np.stack([half_difference(shift(by), shift(-by)) for by in np.diag(window.start_std) if by.any()])
+    pushes = USUAL_ERROR * np.diag(torque)[list(simulator.mechanism.simulated)]
+    square = sum((half_difference(push(more), push(-more)) / USUAL_ERROR) ** 2 for more in pushes)
+    scale = np.maximum.accumulate(np.sqrt(square), axis=1)  # what has grown stays grown
+    return CorrectedWindow(window, start_effect, scale, ROUGH * scale)

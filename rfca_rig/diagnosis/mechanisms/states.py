@@ -14,8 +14,13 @@ Floats = NDArray[np.float64]
 MOST_STATES = 400  # of all recordings together: enough for an rms and a picture
 
 
+def can_balance(mechanism: Mechanism) -> bool:
+    """Whether the torques of recorded states balance in the model: every state is known, and no force acts beside MuJoCo's."""
+    return not (mechanism.unmeasured or mechanism.prescribed or mechanism.contacts)
+
+
 def estimate_states(experiment: Experiment, mechanism: Mechanism) -> States:
-    """States at moments that are spread evenly over all recordings; none within a gap.
+    """States at moments that are spread evenly over all recordings; none within a gap, and none at all unless the mechanism `can_balance`.
 
     Raises
     ------
@@ -25,8 +30,9 @@ def estimate_states(experiment: Experiment, mechanism: Mechanism) -> States:
     match = match_columns(experiment, mechanism)
     total_s = sum(float(run.t_s[-1] - run.t_s[0]) for run in experiment.runs)
     apart_s = max(experiment.bin_s, total_s / MOST_STATES)
-    derivatives, commands = [], []
-    for run in experiment.runs:
+    derivatives: list[list[Floats]] = []
+    commands: list[list[Floats]] = []
+    for run in experiment.runs if can_balance(mechanism) else ():
         recorded, commanded = run.signals[:, match.positions], arrange_commands(run, mechanism, match)
         for at_s in np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - SMOOTHED_S, apart_s):
             near_s = run.t_s[np.abs(run.t_s - at_s) <= SMOOTHED_S]

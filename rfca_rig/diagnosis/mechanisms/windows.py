@@ -1,7 +1,7 @@
 """Windows of a mechanism's recordings as conditions, and the simulator that predicts them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -12,16 +12,18 @@ from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data.observations import Label, Observations
 from rfca_rig.diagnosis.data.windows import WindowRows, observe, start_gain
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, shift_plant
-from rfca_rig.diagnosis.simulator import Simulator
+from rfca_rig.diagnosis.simulator import ScatterDirection, Simulator
 from rfca_rig.mechanism.joint_law import make_tabulated_effect
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import Plant, make_plant, update_constants
+from rfca_rig.mechanism.prescribed import PrescribedMotion
 from rfca_rig.mechanism.rollout import CommandTrace, Motion, roll
 from rfca_rig.model.effect import Effect
 
 Floats = NDArray[np.float64]
 
 MECHANISMS = "motions"  # what their experiment is called
+SMOOTH_BINS = 3.0  # the same of a motion that starts at rest and is a window as a whole: as many bins as of a usual window
 SMOOTH_OVER = 0.3  # of a window: over that share of it the model's error is alike, as torques err with the joint's angle
 
 
@@ -36,27 +38,37 @@ class Window:
     trace
         The commands around it.
     position, speed
-        (n,) the state at its beginning, as read.
+        (n,) the state at its beginning, as read; None where it begins at rest in equilibrium.
     start_std
-        (2 n,) how well positions and speeds at the beginning are known.
+        (2 n,) how well positions and speeds at the beginning are known; 0 for a joint that is prescribed. (0,) for a start at rest.
     t_s
         (k,) times of its samples, from its beginning.
     bins
         (b,) the first sample of each bin.
     measured, sensor_std
         (s, b) means over the bins, and their standard deviations.
+    prescribed
+        The motion of the prescribed joints, in the time of `t_s`; None without such.
+    repeats
+        (r, s, b) the same means of each repeat, of which `measured` is the mean; (1, 0, 0) where it was recorded once.
     """
 
     start_s: float
     since_s: float
     trace: CommandTrace
-    position: Floats
-    speed: Floats
+    position: Floats | None
+    speed: Floats | None
     start_std: Floats
     t_s: Floats
     bins: NDArray[np.intp]
     measured: Floats
     sensor_std: Floats
+    prescribed: PrescribedMotion | None = None
+    repeats: Floats = field(default_factory=lambda: np.empty((1, 0, 0)))
+
+    @property
+    def starts_at_rest(self) -> bool:
+        return self.position is None
 
 
 @dataclass(frozen=True)
@@ -68,22 +80,33 @@ class CorrectedWindow:
     window
         The window.
     start_effect
-        (2 n, s, b) what an error of one standard deviation in each position and speed of the start makes of them.
+        (k, s, b) what an error of one standard deviation in each measured position and speed of the start makes of them; none for a start
+        at rest.
     scale
         (s, b) what torques that are wrong by their full usual size make of them.
+    jolt
+        (s, b) the size of errors that differ from bin to bin, counted like `scale`.
     """
 
     window: Window
     start_effect: Floats
     scale: Floats
+    jolt: Floats
+
+    @property
+    def error_scale(self) -> Floats:
+        """(s, b) smooth errors of the model and those that differ from bin to bin together, counted like `scale`."""
+        return np.hypot(self.scale, self.jolt)
 
     @cached_property
     def gain(self) -> Floats:
-        """(2 n, s b) the errors of the start, in standard deviations, that a misfit shows."""
+        """(k, s b) the errors of the start, in standard deviations, that a misfit shows."""
         return start_gain(self.start_effect, self.window.sensor_std**2 + (USUAL_ERROR * self.scale) ** 2)
 
     def move_start(self, simulated: Floats) -> Floats:
         """What the model says from the start that suits it best, (s, b), where it says `simulated` from the measured one."""
+        if not len(self.start_effect):
+            return simulated
         start_error = self.gain @ (self.window.measured - simulated).ravel()
         return np.asarray(simulated + np.tensordot(start_error, self.start_effect, 1))
 
@@ -91,7 +114,7 @@ class CorrectedWindow:
         """What was measured."""
         recorded = self.window
         t_s = recorded.start_s + bin_means(recorded.t_s[:, None], recorded.bins)[:, 0]
-        return WindowRows(t_s, recorded.measured, recorded.sensor_std, self.scale)
+        return WindowRows(t_s, recorded.measured, recorded.sensor_std, self.scale, self.jolt)
 
 
 @dataclass(frozen=True)
@@ -118,13 +141,16 @@ class Motions:
 
     @property
     def repeats(self) -> Floats:
-        """None: every window is recorded once."""
-        return np.empty((1, 0))
+        """The rows of each repeat of a motion that starts at rest; every other window is recorded once."""
+        count = len(self.windows[0].window.repeats)
+        return np.concatenate([each.window.repeats.reshape(count, -1) for each in self.windows], axis=1)
 
     def rows(self) -> Observations:
         """What was measured here."""
         labels = tuple(Label(MECHANISMS, self.name, signal) for signal in self.signals)
-        smooth_over_s = SMOOTH_OVER * float(self.windows[0].window.t_s[-1])
+        first = self.windows[0].window
+        bin_s = float(np.median(np.diff(first.t_s[first.bins]))) if len(first.bins) > 1 else float(first.t_s[-1])
+        smooth_over_s = SMOOTH_BINS * bin_s if first.starts_at_rest else SMOOTH_OVER * float(first.t_s[-1])
         return observe([window.rows() for window in self.windows], labels, self.run, smooth_over_s)
 
 
@@ -142,12 +168,20 @@ class MechanismSimulator(Simulator):
         (s,) the column of each signal in positions, speeds and sensors side by side, (2 n + d).
     effects
         By id.
+    scatters
+        By how much joints stand elsewhere in each repeat, without their readings showing it, by name.
     """
 
     mechanism: Mechanism
     step_s: float
     columns: NDArray[np.intp]
     effects: Mapping[str, Effect]
+    scatters: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def integrator(self) -> str:
+        """In words."""
+        return "MuJoCo's implicit integrator" if self.mechanism.is_implicit else "Runge-Kutta"
 
     def plant(self, at: MechanismInput) -> Plant:
         """The plant with these nuisance parameters and effects."""
@@ -160,11 +194,11 @@ class MechanismSimulator(Simulator):
         return plant
 
     def roll(self, plant: Plant, window: Window) -> Motion:
-        """The motion from the measured start. Raises SimulationFailed."""
-        return roll(plant, window.trace, window.position, window.speed, window.t_s, window.since_s)
+        """The plant's motion from the measured start, or from rest. Raises SimulationFailed."""
+        return roll(plant, window.trace, window.position, window.speed, window.t_s, window.since_s, window.prescribed)
 
     def follow(self, plant: Plant, window: Window) -> Floats:
-        """What the plant does from the measured start, (s, b). Raises SimulationFailed."""
+        """What is read of that motion, (s, b). Raises SimulationFailed."""
         motion = self.roll(plant, window)
         read = np.concatenate([motion.position, motion.speed, motion.sensors], axis=1)[:, self.columns]
         return bin_means(read, window.bins).T
@@ -172,6 +206,16 @@ class MechanismSimulator(Simulator):
     def predict(self, plant: Plant, each: CorrectedWindow) -> Floats:
         """What the plant does from the start that suits it best, (s, b). Raises SimulationFailed."""
         return each.move_start(self.follow(plant, each.window))
+
+    def scatter(self, at: MechanismInput, conditions: Sequence[Motions]) -> tuple[ScatterDirection, ...]:  # noqa: ARG002
+        """What the readings of prescribed joints do not show of their scatter."""
+        found = []
+        for name, std in self.scatters.items():
+            joint = self.mechanism.joints.index(name)
+            key = "zero_offset_m" if self.mechanism.is_slide[joint] else "zero_offset_rad"
+            above, below = (at.shifted(key, joint, by) for by in (std, -std))
+            found.append(ScatterDirection(f"{name}.{key}", std, above, below))
+        return tuple(found)
 
     def simulate(self, at: MechanismInput, condition: Motions) -> Floats:
         """What the model says of a condition, (m,), from the starts that suit it best. Raises SimulationFailed."""

@@ -1,0 +1,164 @@
+"""A contact of a sphere with a plane whose stiffness is the rig's own: Hertz with damping, and Coulomb friction with stick.
+
+MuJoCo's contacts are soft constraints: their force grows with the mass of what touches. This law's force depends on depth and speed alone.
+It takes the place of MuJoCo's contact between the two geoms.
+
+References
+----------
+Hunt and Crossley, Journal of Applied Mechanics 42 (1975) 440; Dahl 1968 for the presliding, here linear up to Coulomb's limit.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.errors import BadInput
+from rfca_rig.model.compiled import compiled
+
+Floats = NDArray[np.float64]
+Places = NDArray[np.intp]
+
+STIFFNESS, DAMPING, FRICTION, PRESLIDING, DRAG = range(5)  # columns of `ContactArrays.law`
+FULL_DRAG_N = 1.0
+
+
+@dataclass(frozen=True)
+class SphereOnPlane:
+    """One contact: normal force N = stiffness depth^1.5 (1 + damping depth'), never below 0, and friction at the sphere's lowest point.
+
+    Parameters
+    ----------
+    sphere, plane
+        Names of the geoms; MuJoCo's planes stand still.
+    stiffness_N_per_m1p5, damping_s_per_m
+        Of the normal force.
+    friction
+        Coulomb's coefficient.
+    presliding_m
+        How far a sticking point yields, in proportion to the force, before it slides.
+    drag_N_s_per_m
+        A force against the sliding speed beside friction, in full from a normal force of 1 N on.
+    """
+
+    sphere: str
+    plane: str
+    stiffness_N_per_m1p5: float
+    damping_s_per_m: float
+    friction: float
+    presliding_m: float
+    drag_N_s_per_m: float
+
+    @property
+    def law(self) -> tuple[float, ...]:
+        """The numbers in the order of the columns of `ContactArrays.law`."""
+        return (self.stiffness_N_per_m1p5, self.damping_s_per_m, self.friction, self.presliding_m, self.drag_N_s_per_m)
+
+
+def check_contacts(model: Any, contacts: Sequence[SphereOnPlane], where: str) -> None:
+    """Raises BadInput, which begins with `where`, for a contact that names no sphere or no plane of MuJoCo's model, or comes twice."""
+    import mujoco  # noqa: PLC0415  (optional)
+
+    kinds = {model.geom(place).name: int(model.geom_type[place]) for place in range(model.ngeom)}
+    for place, contact in enumerate(contacts):
+        for name, kind, word in (
+            (contact.sphere, mujoco.mjtGeom.mjGEOM_SPHERE, "sphere"),
+            (contact.plane, mujoco.mjtGeom.mjGEOM_PLANE, "plane"),
+        ):
+            if kinds.get(name) != int(kind):
+                known = ", ".join(known for known, of in kinds.items() if of == int(kind) and known) or "none with a name"
+                raise BadInput(f"{where}: contacts: {name!r} is no {word} of the model; it has {known}")
+        if any((contact.sphere, contact.plane) == (other.sphere, other.plane) for other in contacts[:place]):
+            raise BadInput(f"{where}: contacts: {contact.sphere!r} on {contact.plane!r} comes twice")
+
+
+class ContactArrays(NamedTuple):
+    """What the compiled loop needs of c contacts.
+
+    `law` (c, 5), `radius` (c,), geoms (c,) of sphere and plane, the sphere's `body` and the `root` of each body. `stretch` (c, 3) says how
+    far the lowest point was carried from where it sticks, `normal` (c,) the force in the last step, `clock` (1,) the time, and `touch_s`
+    (c,) when each first touched; `work` is (3, 3). The others are MuJoCo's own arrays.
+    """
+
+    law: Floats
+    radius: Floats
+    sphere: Places
+    plane: Places
+    body: Places
+    root: Places
+    stretch: Floats
+    normal: Floats
+    clock: Floats
+    touch_s: Floats
+    work: Floats
+    geom_xpos: Floats
+    geom_xmat: Floats
+    xipos: Floats
+    subtree_com: Floats
+    cvel: Floats
+    xfrc_applied: Floats
+
+
+@compiled
+def velocity_at(arrays: ContactArrays, body: int, point: Floats, out: Floats) -> None:
+    """Writes the velocity (3,) of a point that moves with a body."""
+    twist, origin = arrays.cvel[body], arrays.subtree_com[arrays.root[body]]
+    x, y, z = point[0] - origin[0], point[1] - origin[1], point[2] - origin[2]
+    out[0] = twist[3] + twist[1] * z - twist[2] * y
+    out[1] = twist[4] + twist[2] * x - twist[0] * z
+    out[2] = twist[5] + twist[0] * y - twist[1] * x
+
+
+@compiled
+def add_force(arrays: ContactArrays, body: int, point: Floats, force: Floats) -> None:
+    """Adds a force at a point to what acts on a body from outside."""
+    wrench, centre = arrays.xfrc_applied[body], arrays.xipos[body]
+    x, y, z = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
+    for i in range(3):
+        wrench[i] += force[i]
+    wrench[3] += y * force[2] - z * force[1]
+    wrench[4] += z * force[0] - x * force[2]
+    wrench[5] += x * force[1] - y * force[0]
+
+
+@compiled
+def push(arrays: ContactArrays, h: float) -> None:
+    """Writes the forces of all contacts as MuJoCo's outer forces, and carries the sticking points on by a step of `h` [s]."""
+    point, normal, slip = arrays.work[0], arrays.work[1], arrays.work[2]
+    for c in range(arrays.radius.size):
+        arrays.xfrc_applied[arrays.body[c], :] = 0.0
+    for c in range(arrays.radius.size):
+        sphere, plane = arrays.sphere[c], arrays.plane[c]
+        height = 0.0
+        for i in range(3):
+            normal[i] = arrays.geom_xmat[plane, 3 * i + 2]
+            height += normal[i] * (arrays.geom_xpos[sphere, i] - arrays.geom_xpos[plane, i])
+        depth, before_N = arrays.radius[c] - height, arrays.normal[c]
+        arrays.normal[c] = 0.0
+        if depth <= 0.0:
+            arrays.stretch[c, :] = 0.0
+            continue
+        for i in range(3):
+            point[i] = arrays.geom_xpos[sphere, i] - arrays.radius[c] * normal[i]
+        velocity_at(arrays, arrays.body[c], point, slip)
+        rate = 0.0
+        for i in range(3):
+            rate -= normal[i] * slip[i]
+        law = arrays.law[c]
+        N = law[STIFFNESS] * depth * np.sqrt(depth) * max(1.0 + law[DAMPING] * rate, 0.0)
+        arrays.normal[c], arrays.touch_s[c] = N, min(arrays.touch_s[c], arrays.clock[0])
+        kept = min(1.0, before_N / N) if N > 0.0 else 1.0  # under a growing N a tie keeps its force; it would give energy otherwise
+        length = 0.0
+        for i in range(3):
+            slip[i] += rate * normal[i]
+            arrays.stretch[c, i] = kept * arrays.stretch[c, i] + 0.5 * (1.0 + kept) * h * slip[i]
+            length += arrays.stretch[c, i] ** 2
+        drag = law[DRAG] * min(1.0, N / FULL_DRAG_N)
+        reach = law[PRESLIDING] / np.sqrt(length) if length > law[PRESLIDING] ** 2 else 1.0
+        for i in range(3):
+            arrays.stretch[c, i] *= reach
+            slip[i] = N * normal[i] - law[FRICTION] * N * arrays.stretch[c, i] / law[PRESLIDING] - drag * slip[i]
+        add_force(arrays, arrays.body[c], point, slip)
+    arrays.clock[0] += h
