@@ -22,6 +22,7 @@ from tests.real.hand_fit import fit_by_hand
 HERE = Path(__file__).parent
 DATA = HERE.parent / "data"
 SPLITS = ("development", "test")
+NOTHING = "nothing missing"
 GOAL = 0.8  # share of what the fit by hand closes
 
 
@@ -118,8 +119,9 @@ def count(split, found):
     to_close = [(said, by_hand) for d, said, by_hand in heard if not d.get("negligible", False) and "refused" not in by_hand]
     closed = sum(closed_share(said, by_hand) >= GOAL for said, by_hand in to_close)
     silent, contradicted = sum(is_silent(said) for _, said, _ in heard), sum(contradicts(said, d) for d, said, _ in heard)
+    denied = sum(said["grade"] == NOTHING and not d.get("negligible", False) for d, said, _ in heard)
     words = f"{closed} of {len(to_close)} close {GOAL:g} of what the hand fit closes, {contradicted} contradicted, {silent} silent"
-    return f"{split}: {len(of_split)} sets, {words}, {len(of_split) - len(heard)} refused"
+    return f"{split}: {len(of_split)} sets, {words} ({denied} of them say that nothing is missing), {len(of_split) - len(heard)} refused"
 
 
 def main(out, names):

@@ -70,8 +70,8 @@ def test_read_and_check_accept_a_set_and_doubt_no_sign_or_unit(name, tmp_path):
     assert all(places_of(mechanism, NUISANCES[key].objects) for key in SETS[name]["law"])
 
 
-SAID = {"effects": {"joint_friction": {}}, "family": "", "held_out": {"a_position_rad": [2.0, 1.0]}}
-NOTHING = {"effects": {}, "family": "", "held_out": {"a_position_rad": [2.0, 2.0]}}
+SAID = {"grade": "mostly", "effects": {"joint_friction": {}}, "family": "", "held_out": {"a_position_rad": [2.0, 1.0]}}
+NOTHING = {"grade": "nothing missing", "effects": {}, "family": "", "held_out": {"a_position_rad": [2.0, 2.0]}}
 BY_HAND = {"held_out": {"a_position_rad": 0.0}}
 
 
@@ -97,5 +97,6 @@ def test_counts_are_those_of_a_split():
         (right, {"refused": "too slow"}, {"refused": "too slow"}),
         ({**right, "split": "development"}, NOTHING, BY_HAND),
     ]
-    assert count("test", found) == "test: 4 sets, 1 of 2 close 0.8 of what the hand fit closes, 1 contradicted, 1 silent, 1 refused"
-    assert count("development", found).startswith("development: 1 sets, 0 of 1 close")
+    silent = "1 silent (0 of them say that nothing is missing)"
+    assert count("test", found) == f"test: 4 sets, 1 of 2 close 0.8 of what the hand fit closes, 1 contradicted, {silent}, 1 refused"
+    assert count("development", found).endswith("1 silent (1 of them say that nothing is missing), 0 refused")
