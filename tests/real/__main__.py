@@ -1,9 +1,9 @@
 """The diagnosis of real recordings through MuJoCo: python -m tests.real FOLDER [SET...]
 
 Each set of sets.toml is put together in FOLDER and diagnosed. A row says what is stated, what was published, the rms error of each
-position on held-out conditions before and after, and after a least-squares fit of the published law by hand. The last column is the error
-that the statement closes over the error that the hand fit closes, both as mean squares of all positions. Counts follow for each split.
-Answers stay in FOLDER.
+position (joints by name) on held-out conditions before and after, and after a least-squares fit of the published law by hand. The last
+column is the error that the statement closes over the error that the hand fit closes, both as mean squares of all positions. Counts follow
+for each split. Answers stay in FOLDER.
 """
 
 import json
@@ -103,12 +103,12 @@ def row_of(name, described, said, by_hand):
         f"`{effect}` " + ", ".join(f"{v:.3g} +- {1.645 * s:.2g}" for v, s in values.values()) for effect, values in said["effects"].items()
     )
     stated = f"{said['grade']}: {sizes or said['family'] or '-'}{' CONTRADICTED' if contradicts(said, described) else ''}"
-    errors = ", ".join(f"{before:.3g} to {after:.3g}" for before, after in said["held_out"].values())
+    errors = ", ".join(f"{before:.3g} to {after:.3g}" for _, (before, after) in sorted(said["held_out"].items()))
     if "refused" in by_hand:
         return f"{head} {stated} | {described['published']} | {errors} | refused: {by_hand['refused']} | |"
     of_law = {key: value for key, (value, _) in by_hand["values"].items() if key.rsplit(".", 1)[-1] in described["law"]}
     values = ", ".join(f"{key} {value:.3g}" for key, value in of_law.items())
-    after = ", ".join(f"{error:.3g}" for error in by_hand["held_out"].values())
+    after = ", ".join(f"{error:.3g}" for _, error in sorted(by_hand["held_out"].items()))
     return f"{head} {stated} | {described['published']} | {errors} | {after} ({values}) | {closed_share(said, by_hand):.2f} |"
 
 

@@ -155,11 +155,14 @@ def main(out, names):
             apart += scored.misfits(fit(problem, experiment.model, free, others), [held])
         cells = [", ".join(f"{one.name} {value * one.scale:.3g}" for one, value in zip(free, whole, strict=True))]
         for misses in (nominal, apart):
-            rows = zip(problem.conditions[0].signals, np.concatenate(misses, axis=1), strict=True)
+            rows = sorted(zip(problem.conditions[0].signals, np.concatenate(misses, axis=1), strict=True), key=lambda row: row[0])
             cells.append(", ".join(f"{rms(row):.3g}" for signal, row in rows if "position" in signal))
         by_hand = json.loads((out / f"{name}-by-hand.json").read_text(encoding="utf-8"))["held_out"]
         stated = json.loads((out / f"{name}.json").read_text(encoding="utf-8"))["held_out"]
-        cells += [", ".join(f"{v:.3g}" for v in by_hand.values()), ", ".join(f"{after:.3g}" for _, after in stated.values())]
+        cells += [
+            ", ".join(f"{v:.3g}" for _, v in sorted(by_hand.items())),
+            ", ".join(f"{after:.3g}" for _, (_, after) in sorted(stated.items())),
+        ]
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 
