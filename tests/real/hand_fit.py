@@ -22,7 +22,6 @@ from rfca_rig.mechanism.nuisances import NUISANCES, places_of
 STEP = 1e-3  # of finite differences, in the scale of a parameter
 BEGINNING = 0.1  # where parameters that stay above zero begin, in their scale: at zero, dry friction has no slope
 DIVERGED = 1e3  # residual of a simulation that diverges, in rad or m
-MOST = 5.0  # scales, of parameters that stay above zero: far beyond, the simulation diverges and has no slope
 LEAST_SHARE = -0.9  # of masses and inertias
 MOST_EVALUATIONS = 60
 
@@ -110,7 +109,7 @@ class Fit:
             here = differences(x)
             return np.column_stack([(differences(x + step) - here) / STEP for step in STEP * np.eye(len(x))])
 
-        limits = (self.least, np.where(self.least == 0.0, MOST, np.inf))
+        limits = (self.least, np.inf)
         return least_squares(differences, start, jac=slopes, bounds=limits, max_nfev=MOST_EVALUATIONS, xtol=1e-4, ftol=1e-5)
 
 
