@@ -57,6 +57,8 @@ def _link(rig: RigModel, i: int, further: str) -> str:
     if i:
         stiffness = f"{leg.k0_Nm_per_rad!r} 0 {leg.k0_Nm_per_rad * leg.k2_per_rad2!r}"
         spring = f' stiffness="{stiffness}" damping="{leg.hinge_damping_Nm_s_per_rad!r}"'
+        if leg.rest_angles_rad:
+            spring += f' springref="{leg.rest_angles_rad[i - 1]!r}"'
     return f"""   <body name="{link_names(leg)[i]}" pos="0 {at!r} 0"><joint name="{name}" axis="-1 0 0"{spring}/>
     <inertial pos="0 {length / 2.0!r} 0" mass="{mass!r}" diaginertia="{inertia!r} {1e-3 * inertia!r} {inertia!r}"/>
     <geom name="{end_names(leg)[i]}" size="{leg.link_radius_m!r}" pos="0 {length!r} 0" mass="0" contype="0" conaffinity="0"/>

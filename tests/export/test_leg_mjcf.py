@@ -68,6 +68,14 @@ def test_the_leg_in_mujoco_feels_what_the_compiled_chain_does(tmp_path):
     assert coarse[1].min() == pytest.approx(chain[1].min(), rel=5e-4)
 
 
+def test_a_leg_that_is_bent_at_rest_is_bent_in_mujoco_too(tmp_path):
+    bent = replace(PAPER, leg=replace(PAPER.leg, rest_angles_rad=(0.02, -0.03, 0.05, 0.0, 0.01, -0.02)))
+    chain, mujoco = strokes(tmp_path, bent, 2.5e-4)
+    assert (np.linalg.norm(mujoco - chain, axis=1) < 5e-3 * np.linalg.norm(chain, axis=1)).all()
+    straight = strokes(tmp_path, PAPER, 2.5e-4)[0]
+    assert (np.linalg.norm(straight - chain, axis=1) > 3e-2 * np.linalg.norm(chain, axis=1)).all()
+
+
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     place = tmp_path_factory.mktemp("leg")
