@@ -28,7 +28,10 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
     spec, model = read_spec(plant.mechanism.path), plant.model
     spec.compile()  # gives every geom its place
     for place, joint in enumerate(spec.joints):
-        joint.frictionloss, joint.armature = plant.friction[place], model.dof_armature[place]
+        # a prescribed joint of the plant is too heavy to be moved by the others
+        heavy = place in plant.mechanism.prescribed
+        joint.frictionloss = plant.friction[place]
+        joint.armature = (plant.mechanism.model if heavy else model).dof_armature[place]
         joint.damping = [model.dof_damping[place], *model.dof_dampingpoly[place]]
         if model.jnt_limited[place] and not plant.mechanism.model.jnt_limited[place]:
             in_degrees = spec.compiler.degree and not plant.mechanism.is_slide[place]
@@ -64,6 +67,9 @@ def _beyond_mjcf(plant: Plant) -> list[tuple[str, bool]]:
         ("friction that grows with load", bool(plant.load_loss.any())),
         ("hysteresis of the joints", bool(plant.hysteresis[0].any())),
         ("elasticity or play of the gears", plant.has_yielding_gears),
+        ("play of the springs", bool(plant.spring_half_gap.any())),
+        ("contact laws of spheres on planes", bool(plant.contact_law.size)),
+        ("a swing at the start", plant.start_swing != 0.0 or plant.start_swing_rate_per_s != 0.0),
         ("steady torques in the joints", bool(plant.torque_offset.any())),
         ("measured laws", bool(plant.laws)),
         ("zero offsets of the readings", bool(plant.zero_offset.any())),

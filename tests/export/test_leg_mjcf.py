@@ -15,6 +15,7 @@ from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import NOTHING, drawn_cases
 from rfca_rig.exam.designs import Design
 from rfca_rig.export.leg_mjcf import export_leg
+from rfca_rig.mechanism.amend import write_amended_model
 from rfca_rig.mechanism.contact_law import SphereOnPlane
 from rfca_rig.mechanism.leg_file import FLOOR, end_names, write_leg_mjcf
 from rfca_rig.mechanism.load import load_mechanism
@@ -74,6 +75,15 @@ def test_a_leg_that_is_bent_at_rest_is_bent_in_mujoco_too(tmp_path):
     assert (np.linalg.norm(mujoco - chain, axis=1) < 5e-3 * np.linalg.norm(chain, axis=1)).all()
     straight = strokes(tmp_path, PAPER, 2.5e-4)[0]
     assert (np.linalg.norm(straight - chain, axis=1) > 3e-2 * np.linalg.norm(chain, axis=1)).all()
+
+
+def test_the_amended_model_of_the_leg_has_no_heavy_joints_and_says_what_it_lacks(tmp_path):
+    plant = make_plant(leg_of(tmp_path, PAPER), 1e-3)
+    assert plant.model.dof_armature.max() > 1e8
+    plant.spring_half_gap[2:] = 0.01
+    beyond = write_amended_model(plant, tmp_path / "amended.xml")
+    assert set(beyond) == {"play of the springs", "contact laws of spheres on planes"}
+    assert load_mechanism(tmp_path / "amended.xml").model.dof_armature.max() == 0.0
 
 
 @pytest.fixture(scope="module")
