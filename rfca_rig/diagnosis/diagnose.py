@@ -26,7 +26,7 @@ from rfca_rig.diagnosis.leg.simulator import infer_approach, leg_dataset
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, stage_tables
 from rfca_rig.diagnosis.leg.strokes import FlapCondition, flap_condition, turn_of
 from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law
-from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
+from rfca_rig.diagnosis.result import Diagnosed, Diagnosis, join_not_seen
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import OF_PENDULUMS, Effect
@@ -94,7 +94,8 @@ def diagnose(
     progress("summing up", 0.97)
     found = build_leg_result(body, findings, limits)
     if findings.drive is None and body.shafts:
-        found = replace(found, not_seen=(*found.not_seen, *excluded_by_tracking(body.shafts, body.rig, findings.drive_effects)))
+        tracked = excluded_by_tracking(body.shafts, body.rig, findings.drive_effects)
+        found = replace(found, not_seen=join_not_seen(found.not_seen, tracked))
     if law_at:
         progress(f"measuring the law at {law_at}", 0.98)
         found = replace(found, stated_law=measure_stated_law(findings.leg, findings.leg_decision.explanation, law_at))

@@ -1,6 +1,6 @@
 """What a diagnosis says, as plain values: the report, the JSON file and the terminal all read this."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -118,6 +118,13 @@ class NotSeen:
 
     id: str
     would_have_seen: Mapping[str, float] | None
+
+
+def join_not_seen(first: Sequence[NotSeen], second: Sequence[NotSeen]) -> tuple[NotSeen, ...]:
+    """Each effect of two lists once, with the size that the first would have shown, or else the second."""
+    found = {one.id: one for one in second}
+    found |= {one.id: one for one in first if one.would_have_seen is not None or one.id not in found}
+    return tuple(sorted(found.values(), key=lambda one: one.id))
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ KINDS = (*LEG_KINDS, *PENDULUM_KINDS)
 DEFAULT_NUMBERS: Mapping[str, int] = {
     NOTHING: 60,
     MODEL_ERROR: 60,
-    SINGLE: 125,
+    SINGLE: 135,
     PAIR: 70,
     STRANGER: 65,
     WRONG_LAW: 60,

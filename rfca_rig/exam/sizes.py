@@ -41,7 +41,7 @@ SPANS: Mapping[str, Mapping[str, Span]] = {
     "damaged_hinge": {"stiffness_factor": Span(0.95, 0.5)},
     "stiffness_hardening": {"k2_per_rad2": Span(0.15, 2.5, either_sign=True, around=4.2)},
     "hinge_rest_angle": {"angle_deg": Span(0.8, 5.0, either_sign=True)},
-    "hinge_rest_angle_of_one": {"angle_deg": Span(1.0, 8.0, either_sign=True)},
+    "hinge_rest_angle_of_one": {"angle_deg": Span(1.0, 6.0, either_sign=True)},
     "tip_mass": {"mass_g": Span(3.0, 60.0)},
     "fluid_drag": {"coefficient_N_s2_per_m3": Span(1.0, 30.0)},
     "ground_stribeck": {"rise_relative": Span(0.15, 1.0), "speed_m_s": Span(0.05, 0.6, free=True)},

@@ -41,7 +41,7 @@ def quantities_of(rig: RigModel) -> list[Quantity]:
         _quantity(section, parameter.name, value)
         for section in SECTIONS
         for parameter in fields(getattr(rig, section))
-        if (value := getattr(getattr(rig, section), parameter.name)) is not None and value is not False
+        if (value := getattr(getattr(rig, section), parameter.name)) is not None and value is not False and value != ()
     ]
     effects = [_quantity("effect", f"{present.id} {name}", value) for present in rig.effects for name, value in present.values]
     tables = [_of_table(present.table) for present in rig.effects if present.table is not None]

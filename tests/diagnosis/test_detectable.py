@@ -12,6 +12,7 @@ from rfca_rig.diagnosis.inference.screening import EffectProbe
 from rfca_rig.diagnosis.leg.drive_tracking import excluded_by_tracking
 from rfca_rig.diagnosis.leg.shaft_observations import shaft_condition, tracking_error
 from rfca_rig.diagnosis.residual_force.mismatch_map import _holm
+from rfca_rig.diagnosis.result import NotSeen, join_not_seen
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import RIG, late, present, recorded
 
@@ -84,6 +85,14 @@ def test_an_obedient_shaft_rules_out_drives_that_would_have_moved_it_otherwise()
     ripple = {"amplitude_relative": amplitude, "cycles_per_turn": 30.0}
     at_phases = [disobeyed("motor_speed_ripple", **ripple, phase_cycles=phase) for phase in (-0.25, 0.0, 0.25, 0.5)]
     assert np.median(at_phases) == pytest.approx(1.0, abs=0.3)
+
+
+def test_an_effect_that_forces_and_shaft_would_have_shown_is_listed_once():
+    by_forces = (NotSeen("shaft_compliance", {"k": 900.0}), NotSeen("tip_mass", None))
+    by_shaft = (NotSeen("motor_speed_droop", {"kp": 40.0}), NotSeen("shaft_compliance", {"k": 300.0}), NotSeen("tip_mass", {"m": 3.0}))
+    joined = join_not_seen(by_forces, by_shaft)
+    assert [one.id for one in joined] == ["motor_speed_droop", "shaft_compliance", "tip_mass"]
+    assert [one.would_have_seen for one in joined] == [{"kp": 40.0}, {"k": 900.0}, {"m": 3.0}]
 
 
 def test_a_drive_that_the_rig_is_believed_to_have_is_not_ruled_out():
