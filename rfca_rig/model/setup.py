@@ -176,6 +176,17 @@ def with_law(setup: Setup, law: LawUse) -> Setup:
     return replace(setup, laws=(*setup.laws, law))
 
 
+def link_of_hinge(setup: Setup, effect_id: str, hinge: float) -> int:
+    """The place in the chain of a hinge counted as people do: hinge i is the proximal one of link i, links counted from one.
+
+    Raises BadInput, which names the effect, for a hinge that the leg does not have.
+    """
+    last = len(setup.rig.leg.link_lengths_m)
+    if not 1.5 <= hinge < last + 0.5:
+        raise BadInput(f"effect {effect_id}: hinge {hinge:g} is not there; this leg has hinges 2 to {last}")
+    return round(hinge) - 1
+
+
 def with_chain(setup: Setup, change: Callable[[Chain], Chain]) -> Setup:
     """The setup with one more change of the finished chain."""
     return replace(setup, chain_changes=(*setup.chain_changes, change))

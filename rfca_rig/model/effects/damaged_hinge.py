@@ -1,16 +1,12 @@
 """One hinge that is softer (or harder) than its fellows."""
 
-from rfca_rig.errors import BadInput
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.setup import Setup, with_chain
+from rfca_rig.model.setup import Setup, link_of_hinge, with_chain
 from rfca_rig.model.state import Chain
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    hinge, last = values["hinge"], len(setup.rig.leg.link_lengths_m)
-    if not 1.5 <= hinge < last + 0.5:
-        raise BadInput(f"effect damaged_hinge: hinge {hinge:g} is not there; this leg has hinges 2 to {last}")
-    link = round(hinge) - 1  # hinge i is the proximal one of link i, links counted from one
+    link = link_of_hinge(setup, "damaged_hinge", values["hinge"])
 
     def soften(chain: Chain) -> Chain:
         k0 = chain.k0.copy()

@@ -1,17 +1,12 @@
 """One hinge that has taken a set."""
 
-from rfca_rig.errors import BadInput
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.effects.hinge_rest_angle import shift_rest
-from rfca_rig.model.setup import Setup
+from rfca_rig.model.setup import Setup, link_of_hinge
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    """Raises BadInput for a hinge that the leg does not have."""
-    hinge, last = values["hinge"], len(setup.rig.leg.link_lengths_m)
-    if not 1.5 <= hinge < last + 0.5:
-        raise BadInput(f"effect hinge_rest_angle_of_one: hinge {hinge:g} is not there; this leg has hinges 2 to {last}")
-    link = round(hinge) - 1  # hinge i is the proximal one of link i, links counted from one
+    link = link_of_hinge(setup, "hinge_rest_angle_of_one", values["hinge"])
     return shift_rest(setup, values["angle_deg"], slice(link, link + 1))
 
 
