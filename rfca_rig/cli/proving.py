@@ -20,7 +20,7 @@ def prove(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="A new folder, or that of an exam that was stopped.")],
     seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed, the same cases.")] = 1,
     cases: Annotated[
-        int | None, typer.Option("--cases", metavar="N", min=1, max=1_000_000, help="How many; the standard number of each kind if not given.")
+        int | None, typer.Option("--cases", metavar="N", min=1, max=1_000_000, help="How many; the usual number of each kind if not given.")
     ] = None,
     kind: Annotated[str | None, typer.Option("--kind", metavar="KIND", help='Cases of one kind only, as in --kind "two effects".')] = None,
     workers: Workers = None,
