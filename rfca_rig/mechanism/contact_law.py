@@ -29,6 +29,8 @@ FULL_DRAG_N = 1.0
 class SphereOnPlane:
     """One contact: normal force N = stiffness depth^1.5 (1 + damping depth'), never below 0, and friction at the sphere's lowest point.
 
+    A force sensor under the plane reads the reaction.
+
     Parameters
     ----------
     sphere, plane
@@ -77,7 +79,7 @@ def check_contacts(model: Any, contacts: Sequence[SphereOnPlane], where: str) ->
 class ContactArrays(NamedTuple):
     """What the compiled loop needs of c contacts.
 
-    `law` (c, 5), `radius` (c,), geoms (c,) of sphere and plane, the sphere's `body` and the `root` of each body. `stretch` (c, 3) says how
+    `law` (c, 5), `radius` (c,), geoms (c,) of sphere and plane, their bodies (c,), and the `root` of each body. `stretch` (c, 3) says how
     far the lowest point was carried from where it sticks, `normal` (c,) the force in the last step, `clock` (1,) the time, and `touch_s`
     (c,) when each first touched; `work` is (3, 3). The others are MuJoCo's own arrays.
     """
@@ -87,6 +89,7 @@ class ContactArrays(NamedTuple):
     sphere: Places
     plane: Places
     body: Places
+    plane_body: Places
     root: Places
     stretch: Floats
     normal: Floats
@@ -129,6 +132,7 @@ def push(arrays: ContactArrays, h: float) -> None:
     point, normal, slip = arrays.work[0], arrays.work[1], arrays.work[2]
     for c in range(arrays.radius.size):
         arrays.xfrc_applied[arrays.body[c], :] = 0.0
+        arrays.xfrc_applied[arrays.plane_body[c], :] = 0.0
     for c in range(arrays.radius.size):
         sphere, plane = arrays.sphere[c], arrays.plane[c]
         height = 0.0
@@ -161,4 +165,7 @@ def push(arrays: ContactArrays, h: float) -> None:
             arrays.stretch[c, i] *= reach
             slip[i] = N * normal[i] - law[FRICTION] * N * arrays.stretch[c, i] / law[PRESLIDING] - drag * slip[i]
         add_force(arrays, arrays.body[c], point, slip)
+        for i in range(3):
+            slip[i] = -slip[i]
+        add_force(arrays, arrays.plane_body[c], point, slip)
     arrays.clock[0] += h

@@ -4,23 +4,19 @@
 calls MuJoCo's step by its address, with the interpreter lock released.
 """
 
-import ctypes
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
-from pathlib import Path
-from typing import Any, cast
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.mechanism.contact_law import ContactArrays, push
+from rfca_rig.mechanism.contact_step import StageArrays, step_with_contacts
 from rfca_rig.mechanism.gears import PARTS, SMOOTHED_S, add_deflection, estimate_gear_start
 from rfca_rig.mechanism.joint_law import pack_laws
+from rfca_rig.mechanism.mujoco_calls import STEP, STEP_1, STEP_2, call_mujoco, list_addresses
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.prescribed import PrescribedArrays, PrescribedMotion, prescribe
 from rfca_rig.mechanism.rest import hang
@@ -56,34 +52,6 @@ class Motion:
     speed: Floats
     sensors: Floats
     touch_s: Floats
-
-
-@cache
-def _step_addresses() -> NDArray[np.int64]:
-    """The addresses of MuJoCo's `mj_step`, and of its two halves."""
-    import mujoco  # noqa: PLC0415  (optional)
-
-    folder = Path(mujoco.__file__).parent
-    library = next(path for name in ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll") for path in folder.glob(name))
-    functions = ctypes.CDLL(str(library))
-    return np.array([ctypes.cast(getattr(functions, name), ctypes.c_void_p).value for name in ("mj_step", "mj_step1", "mj_step2")])
-
-
-def _call_step(typing_context: Any, address: Any, model: Any, data: Any) -> Any:
-    del typing_context
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        del signature
-        pointer = ir.IntType(8).as_pointer()
-        function = ir.FunctionType(ir.VoidType(), [pointer, pointer]).as_pointer()
-        places = [builder.inttoptr(argument, pointer) for argument in arguments[1:]]
-        builder.call(builder.inttoptr(arguments[0], function), places)
-        return context.get_dummy_value()
-
-    return types.void(address, model, data), generate
-
-
-call_step = cast(Callable[[int, int, int], None], intrinsic(_call_step))
 
 
 @compiled
@@ -125,7 +93,7 @@ def act_tables(
 
 @compiled
 def carry(
-    step: NDArray[np.int64],
+    addresses: NDArray[np.int64],
     model: int,
     data: int,
     q: Floats,
@@ -150,6 +118,7 @@ def carry(
     path_torque: Floats,
     prescribed: PrescribedArrays,
     contacts: ContactArrays,
+    stages: StageArrays,
     play: PlayArrays,
 ) -> None:
     """Steps through `command` (k, u) and notes positions and speeds before each step and after the last, (k + 1, n).
@@ -164,7 +133,8 @@ def carry(
     `joints` (u,), takes away; the second is negative where the gear turns the other way round. `path_torque` (k, n) or (k, 0): the torques
     of the actuators in each step.
 
-    Where contacts have a law of their own, each step is done in halves: they ask for places and speeds of the step's beginning.
+    Where contacts have a law of their own, `step_with_contacts` takes the step. With MuJoCo's implicit integrator, `stages` is empty, and
+    a step is done in halves: the law asks for places and speeds of the step's beginning.
     """
     for k in range(command.shape[0]):
         for i in range(q.size):
@@ -188,14 +158,17 @@ def carry(
         for j in range(torque_speed.shape[1]):
             lost = torque_speed[1, j] * w[joints[j]]
             ctrl[j] = min(max(ctrl[j], -torque_speed[0, j] * max(0.0, 1.0 + lost)), torque_speed[0, j] * max(0.0, 1.0 - lost))
-        if contacts.radius.size > 0:
-            call_step(step[1], model, data)
-            push(contacts, h)
-            call_step(step[2], model, data)
+        if stages.q.size > 0:
+            step_with_contacts(addresses, model, data, q, w, h, stages, contacts, sensordata, path_s[k])
         else:
-            call_step(step[0], model, data)
-        for i in range(path_s.shape[1]):
-            path_s[k, i] = sensordata[i]
+            if contacts.radius.size > 0:
+                call_mujoco(addresses[STEP_1], model, data)
+                push(contacts, h)
+                call_mujoco(addresses[STEP_2], model, data)
+            else:
+                call_mujoco(addresses[STEP], model, data)
+            for i in range(path_s.shape[1]):
+                path_s[k, i] = sensordata[i]
         for i in range(path_torque.shape[1]):
             path_torque[k, i] = by_actuators[i]
     prescribe(prescribed, command.shape[0], h, q, w, applied)
@@ -273,10 +246,16 @@ def _contact_arrays(plant: Plant, data: Any) -> ContactArrays:
     plane = np.array([model.geom(law.plane).id for law in laws], dtype=np.intp)
     return ContactArrays(
         plant.contact_law, np.array(model.geom_size[sphere, 0]), sphere, plane,
-        model.geom_bodyid[sphere].astype(np.intp), model.body_rootid.astype(np.intp),
+        model.geom_bodyid[sphere].astype(np.intp), model.geom_bodyid[plane].astype(np.intp), model.body_rootid.astype(np.intp),
         np.zeros((len(laws), 3)), np.zeros(len(laws)), np.zeros(1), np.full(len(laws), np.inf), np.empty((3, 3)),
         data.geom_xpos, data.geom_xmat, data.xipos, data.subtree_com, data.cvel, data.xfrc_applied,
     )  # fmt: skip
+
+
+def _stage_arrays(plant: Plant, data: Any) -> StageArrays:
+    laws = len(plant.mechanism.contacts)
+    n = 0 if plant.mechanism.is_implicit or laws == 0 else plant.model.nv
+    return StageArrays(np.empty(n), np.empty(n), np.empty((laws, 3)), np.empty(laws), np.empty((2, n)), data.qacc, data.qacc_warmstart)
 
 
 def _play_arrays(plant: Plant) -> PlayArrays:
@@ -306,7 +285,7 @@ def _integrate(
     path_s = np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0))
     friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss, plant.hysteresis])
     with plant.mechanism.borrow_data(model) as data:
-        contacts, play = _contact_arrays(plant, data), _play_arrays(plant)
+        contacts, stages, play = _contact_arrays(plant, data), _stage_arrays(plant, data), _play_arrays(plant)
         data.ctrl[:] = commands[0]
         if start is None:
             _start_at_rest(plant, data, driven, contacts, play)
@@ -323,10 +302,10 @@ def _integrate(
             mujoco.mj_forward(model, data)
         path_torque = np.empty((steps, 0 if gears is None else model.nv))
         carry(
-            _step_addresses(), model._address, data._address,
+            list_addresses(), model._address, data._address,
             data.qpos, data.qvel, data.ctrl, data.qfrc_actuator, data.qfrc_applied, model.dof_frictionloss,
             commands, friction, plant.torque_offset, np.zeros(model.nv), *pack_laws(plant.laws), *_torque_speed(plant),
-            plant.step_s, path_q, path_w, data.sensordata, path_s, path_torque, driven, contacts, play,
+            plant.step_s, path_q, path_w, data.sensordata, path_s, path_torque, driven, contacts, stages, play,
         )  # fmt: skip
         if path_s.size:
             if contacts.radius.size:

@@ -1,6 +1,6 @@
 """How often the diagnosis of a mechanism is right: arms of three geared joints, and hoppers on a rail, simulated from their own equations.
 
-Run: python -m tests.benchmarks.mechanisms FOLDER [--mechanism arm|hopper] [--cases 40] [--seed 1]
+Run: python -m tests.benchmarks.mechanisms FOLDER [--mechanism arm|hopper|hopper-own-contact] [--cases 40] [--seed 1]
 
 Every case draws a mechanism, nominal values that are off by their standard uncertainty, and what is concealed: nothing, or one effect. Its
 law is wrong by 20 to 40 %: dry friction is LuGre's or rises at rest, and a share of it follows the load; contacts are Hunt and Crossley's;
@@ -44,6 +44,7 @@ ARM_KINDS = {
     "elastic gear": ("gear_compliance",),
 }
 GEARS = ("backlash", "elastic gear")
+SOLES = ("softer sole", "sole that loses energy")
 HOPPER_KINDS = {
     NOTHING: (),
     "dry friction of the leg": DRY,
@@ -98,8 +99,11 @@ def draw_arm(kind, random):
     return partial(write, arm, replace(actual, **changes.get(kind, {})), nominal, 8.0, int(random.integers(2**31)), known_to)
 
 
-def draw_hopper(kind, random):
-    """A hopper whose masses, sole and zeros are off by their standard uncertainties."""
+def draw_hopper(kind, random, own_contact=False):
+    """A hopper whose masses, sole and zeros are off by their standard uncertainties.
+
+    With `own_contact` the experiment states Hunt and Crossley's sole, and a concealed sole has other exponents.
+    """
     known_to = {
         "mass_relative": 0.01,
         "zero_offset_m": 0.0002,
@@ -130,12 +134,16 @@ def draw_hopper(kind, random):
         "late plate": {"plate_lag_s": random.uniform(0.006, 0.015)},
         "plate scale": {"plate_factor": 1.0 + sign * share},
     }
-    return partial(write, hopper, replace(actual, **changes.get(kind, {})), nominal, 5.2, int(random.integers(2**31)), known_to)
+    actual, seed = replace(actual, **changes.get(kind, {})), int(random.integers(2**31))
+    of_sole = random.spawn(1)[0]
+    if own_contact and kind in SOLES:
+        actual = replace(actual, other_powers=tuple(of_sole.uniform(0.15, 0.3, 2) * of_sole.choice([-1.0, 1.0], 2)))
+    return partial(write, hopper, actual, nominal, 5.2, seed, known_to, own_contact=own_contact)
 
 
-def write(module, actual, nominal, seconds, seed, known_to, folder):
+def write(module, actual, nominal, seconds, seed, known_to, folder, **how):
     """Two recordings of the actual mechanism, described by the nominal one."""
-    module.write_campaign(folder, nominal, [module.record(actual, seconds, seed + k) for k in range(2)], known_to)
+    module.write_campaign(folder, nominal, [module.record(actual, seconds, seed + k) for k in range(2)], known_to, **how)
 
 
 @dataclass(frozen=True)
@@ -146,7 +154,11 @@ class Mechanism:
     draw: object
 
 
-MECHANISMS = {"arm": Mechanism(ARM_KINDS, draw_arm), "hopper": Mechanism(HOPPER_KINDS, draw_hopper)}
+MECHANISMS = {
+    "arm": Mechanism(ARM_KINDS, draw_arm),
+    "hopper": Mechanism(HOPPER_KINDS, draw_hopper),
+    "hopper-own-contact": Mechanism(HOPPER_KINDS, partial(draw_hopper, own_contact=True)),
+}
 
 
 def draw(mechanism, seed, number):

@@ -19,16 +19,16 @@ T_S = np.linspace(0.002, 1.0, 500)
 NEVER = 'contype="0" conaffinity="0"'
 
 
-def ball(tmp_path, tilt=""):
-    """A ball that slides up and along over a floor."""
-    floor = f'<geom name="floor" type="plane" size="2 2 1" {NEVER} {tilt}/>'
+def ball(tmp_path, tilt="", integrator="implicitfast"):
+    """A ball that slides up and along over a floor, which a force sensor bears."""
+    floor = f'<body><site name="below"/><geom name="floor" type="plane" size="2 2 1" {NEVER} {tilt}/></body>'
     path = tmp_path / "model.xml"
     path.write_text(
-        f'<mujoco><option gravity="0 0 -9.81" integrator="implicitfast"/><worldbody>{floor}<body name="ball">'
+        f'<mujoco><option gravity="0 0 -9.81" integrator="{integrator}"/><worldbody>{floor}<body name="ball">'
         '<joint name="along" type="slide" axis="1 0 0"/><joint name="up" type="slide" axis="0 0 1"/>'
         f'<geom name="ball" size="{RADIUS_M}" mass="{KG}" {NEVER}/></body></worldbody>'
         '<contact><pair geom1="floor" geom2="ball"/></contact>'
-        '<actuator><motor name="push" joint="along"/></actuator></mujoco>',
+        '<actuator><motor name="push" joint="along"/></actuator><sensor><force name="plate" site="below"/></sensor></mujoco>',
         encoding="utf-8",
     )
     return replace(load_mechanism(path), contacts=(LAW,))
@@ -38,16 +38,22 @@ def pushed(by_N):
     return CommandTrace(np.array([-0.1, 1.1]), np.full((2, 1), by_N))
 
 
-def test_a_ball_bounces_as_hunt_and_crossley_say(tmp_path):
-    found = roll(make_plant(ball(tmp_path), 5e-5), pushed(0.0), np.array([0.0, 0.12]), np.zeros(2), T_S)
+@pytest.mark.parametrize(("integrator", "step_s", "error_m"), [("implicitfast", 5e-5, 1e-3), ("RK4", 1e-3, 2e-5)])
+def test_a_ball_bounces_as_hunt_and_crossley_say(tmp_path, integrator, step_s, error_m):
+    plant = make_plant(ball(tmp_path, integrator=integrator), step_s, reads_sensors=True)
+    found = roll(plant, pushed(0.0), np.array([0.0, 0.12]), np.zeros(2), T_S)
 
     def rate(_, x):
         depth = max(RADIUS_M - x[0], 0.0)
         return [x[1], LAW.stiffness_N_per_m1p5 * depth**1.5 * max(1.0 - LAW.damping_s_per_m * x[1], 0.0) / KG - 9.81]
 
-    own = solve_ivp(rate, (0.0, 1.0), [0.12, 0.0], t_eval=T_S, rtol=1e-9, atol=1e-11, max_step=2e-4).y[0]
+    own = solve_ivp(rate, (0.0, 1.0), [0.12, 0.0], t_eval=T_S, rtol=1e-9, atol=1e-11, max_step=2e-4).y
+    own, speed = own
     assert own.min() < RADIUS_M - 0.004
-    assert np.abs(found.position[:, 1] - own).max() < 1e-3
+    assert np.abs(found.position[:, 1] - own).max() < error_m
+    depth = np.maximum(RADIUS_M - own, 0.0)
+    pressed_N = LAW.stiffness_N_per_m1p5 * depth**1.5 * np.maximum(1.0 - LAW.damping_s_per_m * speed, 0.0)
+    assert found.sensors[:, 2] == pytest.approx(pressed_N, abs=1e2 * error_m * pressed_N.max())
     assert found.touch_s[0] == pytest.approx(np.sqrt(2.0 * 0.09 / 9.81), abs=1e-3)
 
 
