@@ -67,6 +67,7 @@ MECHANISM_EFFECTS = (
     "contact_stiffness",
     "contact_damping",
     "contact_friction",
+    "contact_power",
     "gravity_tilt",
     "added_mass",
     "centre_of_mass",

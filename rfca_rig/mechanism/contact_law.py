@@ -21,13 +21,15 @@ from rfca_rig.model.compiled import compiled
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
 
-STIFFNESS, DAMPING, FRICTION, PRESLIDING, DRAG = range(5)  # columns of `ContactArrays.law`
+STIFFNESS, DAMPING, FRICTION, PRESLIDING, DRAG, USUAL_DEPTH, MORE_POWER = range(7)  # columns of `ContactArrays.law`
 FULL_DRAG_N = 1.0
 
 
 @dataclass(frozen=True)
 class SphereOnPlane:
     """One contact: normal force N = stiffness depth^1.5 (1 + damping depth'), never below 0, and friction at the sphere's lowest point.
+
+    An effect may change the power of the depth about a usual depth d_0: N = stiffness depth^1.5 (depth / d_0)^p (1 + damping depth').
 
     A force sensor under the plane reads the reaction.
 
@@ -53,10 +55,10 @@ class SphereOnPlane:
     presliding_m: float
     drag_N_s_per_m: float
 
-    @property
-    def law(self) -> tuple[float, ...]:
-        """The numbers in the order of the columns of `ContactArrays.law`."""
-        return (self.stiffness_N_per_m1p5, self.damping_s_per_m, self.friction, self.presliding_m, self.drag_N_s_per_m)
+    def list_numbers(self, usual_N: float) -> tuple[float, ...]:
+        """The numbers in the order of the columns of `ContactArrays.law`, with the usual depth under this force."""
+        usual_m = (usual_N / self.stiffness_N_per_m1p5) ** (2.0 / 3.0)
+        return (self.stiffness_N_per_m1p5, self.damping_s_per_m, self.friction, self.presliding_m, self.drag_N_s_per_m, usual_m, 0.0)
 
 
 def check_contacts(model: Any, contacts: Sequence[SphereOnPlane], where: str) -> None:
@@ -79,7 +81,7 @@ def check_contacts(model: Any, contacts: Sequence[SphereOnPlane], where: str) ->
 class ContactArrays(NamedTuple):
     """What the compiled loop needs of c contacts.
 
-    `law` (c, 5), `radius` (c,), geoms (c,) of sphere and plane, their bodies (c,), and the `root` of each body. `stretch` (c, 3) says how
+    `law` (c, 7), `radius` (c,), geoms (c,) of sphere and plane, their bodies (c,), and the `root` of each body. `stretch` (c, 3) says how
     far the lowest point was carried from where it sticks, `normal` (c,) the force in the last step, `clock` (1,) the time, and `touch_s`
     (c,) when each first touched; `work` is (3, 3). The others are MuJoCo's own arrays.
     """
@@ -152,6 +154,8 @@ def push(arrays: ContactArrays, h: float) -> None:
             rate -= normal[i] * slip[i]
         law = arrays.law[c]
         N = law[STIFFNESS] * depth * np.sqrt(depth) * max(1.0 + law[DAMPING] * rate, 0.0)
+        if law[MORE_POWER] != 0.0:
+            N *= (depth / law[USUAL_DEPTH]) ** law[MORE_POWER]
         arrays.normal[c], arrays.touch_s[c] = N, min(arrays.touch_s[c], arrays.clock[0])
         kept = min(1.0, before_N / N) if N > 0.0 else 1.0  # under a growing N a tie keeps its force; it would give energy otherwise
         length = 0.0

@@ -1,7 +1,8 @@
-"""One step of a mechanism whose contacts have a law of their own, by the classical Runge-Kutta scheme.
+"""One step of a mechanism, with or without contacts that have a law of their own.
 
-MuJoCo's integrators take outer forces as constant over a step, which is of first order. Here the contact law is evaluated in each of the
-four stages. The error is of fourth order where no contact begins or ends and no friction changes its sign, and of second order there.
+MuJoCo's integrators take outer forces as constant over a step, which is of first order. Where it integrates explicitly, the classical
+Runge-Kutta scheme stands here in its place, and evaluates the contact law in each of the four stages. The error is of fourth order where
+no contact begins or ends and no friction changes its sign, and of second order there.
 """
 
 from typing import NamedTuple
@@ -17,7 +18,9 @@ from rfca_rig.mechanism.mujoco_calls import (
     INNER_FORCES,
     POSITION,
     SENSORS,
+    STEP,
     STEP_1,
+    STEP_2,
     VELOCITY,
     call_mujoco,
 )
@@ -27,7 +30,10 @@ Floats = NDArray[np.float64]
 
 
 class StageArrays(NamedTuple):
-    """State at a step's beginning, (n,) and (c, ...), the mean of the stages' rates, (2, n), and MuJoCo's accelerations, (n,)."""
+    """State at a step's beginning, (n,) and (c, ...), the mean of the stages' rates, (2, n), and MuJoCo's accelerations, (n,).
+
+    The first ones are empty where MuJoCo integrates.
+    """
 
     q: Floats
     w: Floats
@@ -47,7 +53,7 @@ def _copy_sticking(stretch: Floats, normal: Floats, to_stretch: Floats, to_norma
 
 
 @compiled
-def step_with_contacts(
+def _take_stages(
     addresses: NDArray[np.int64],
     model: int,
     data: int,
@@ -59,7 +65,6 @@ def step_with_contacts(
     sensordata: Floats,
     noted: Floats,
 ) -> None:
-    """Carries positions and speeds (n,) on by `h` [s], and notes the sensors (d,) or (0,) of the step's beginning."""
     for i in range(q.size):
         stages.q[i], stages.w[i], stages.total[0, i], stages.total[1, i] = q[i], w[i], 0.0, 0.0
     _copy_sticking(contacts.stretch, contacts.normal, stages.stretch, stages.normal)
@@ -83,7 +88,7 @@ def step_with_contacts(
         call_mujoco(addresses[CONSTRAINT], model, data)
         if stage == 0:
             if noted.size > 0:
-                call_mujoco(addresses[INNER_FORCES], model, data)
+                call_mujoco(addresses[INNER_FORCES], model, data)  # the sensors take them from the last call
                 call_mujoco(addresses[SENSORS], model, data)
             for i in range(noted.size):
                 noted[i] = sensordata[i]
@@ -97,3 +102,30 @@ def step_with_contacts(
         q[i] = stages.q[i] + h * stages.total[0, i]
         w[i] = stages.w[i] + h * stages.total[1, i]
     contacts.clock[0] = begun_s + h
+
+
+@compiled
+def take_step(
+    addresses: NDArray[np.int64],
+    model: int,
+    data: int,
+    q: Floats,
+    w: Floats,
+    h: float,
+    stages: StageArrays,
+    contacts: ContactArrays,
+    sensordata: Floats,
+    noted: Floats,
+) -> None:
+    """Carries positions and speeds (n,) on by `h` [s], and notes the sensors (d,) or (0,) of the step's beginning."""
+    if stages.q.size > 0:
+        _take_stages(addresses, model, data, q, w, h, stages, contacts, sensordata, noted)
+        return
+    if contacts.radius.size > 0:
+        call_mujoco(addresses[STEP_1], model, data)
+        push(contacts, h)
+        call_mujoco(addresses[STEP_2], model, data)
+    else:
+        call_mujoco(addresses[STEP], model, data)
+    for i in range(noted.size):
+        noted[i] = sensordata[i]

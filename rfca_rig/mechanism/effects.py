@@ -16,6 +16,7 @@ from rfca_rig.mechanism.nuisances import PLACEHOLDER
 from rfca_rig.mechanism.plant import (
     Change,
     Plant,
+    add_contact_power,
     add_friction,
     add_to,
     scale_contact_damping,
@@ -272,6 +273,16 @@ def _of_contacts(mechanism: Mechanism) -> Iterator[Effect]:
             factor = Parameter("factor", low, high, may_be_zero=False)
             yield Effect(name, "ground", words, "the model's value times the factor", "MuJoCo, solver parameters", (factor,),
                          scaled_by(change), same_as=f"{name}_relative")  # fmt: skip
+
+    def harden(plant: Plant, values: Values) -> Plant:
+        add_contact_power(plant, values["more_power"])
+        return plant
+
+    if mechanism.contacts:
+        power = Parameter("more_power", -0.7, 1.5)
+        yield Effect("contact_power", "ground", "the force of the contacts grows with another power of their depth",
+                     "N (d / d_0)^p, d_0 the depth that bears the weight; p = -0.5 for a line, 0 for a point",
+                     "Johnson, Contact Mechanics, 1985, ch. 4", (power,), harden)  # fmt: skip
 
 
 def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:

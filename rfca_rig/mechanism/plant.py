@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.mechanism.contact_law import DAMPING, FRICTION, STIFFNESS
+from rfca_rig.mechanism.contact_law import DAMPING, FRICTION, MORE_POWER, STIFFNESS
 from rfca_rig.mechanism.joint_law import JointLaw
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.prescribed import ARMATURE
@@ -61,7 +61,7 @@ class Plant:
     laws
         Torques that are given by tables.
     contact_law
-        (c, 5) numbers of the contacts that have a law of their own; see `SphereOnPlane`.
+        (c, 7) numbers of the contacts that have a law of their own; see `SphereOnPlane`.
     spring_half_gap
         (n,) play to either side of each joint's rest position, within which its spring does nothing.
     start_swing, start_swing_rate_per_s
@@ -95,7 +95,7 @@ class Plant:
     sensor_lag_s: float = 0.0
     sensor_delay_s: float = 0.0
     laws: tuple[JointLaw, ...] = ()
-    contact_law: Floats = field(default_factory=lambda: np.empty((0, 5)))
+    contact_law: Floats = field(default_factory=lambda: np.empty((0, 7)))
     spring_half_gap: Floats = field(default_factory=lambda: np.empty(0))
     start_swing: float = 0.0
     start_swing_rate_per_s: float = 0.0
@@ -132,6 +132,7 @@ def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False)
     if not reads_sensors:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
     zeros = np.zeros(model.nv)
+    weight_N = float(model.body_mass.sum()) * max(1.0, float(np.linalg.norm(model.opt.gravity)))  # sets no more than a usual depth
     return Plant(
         mechanism=mechanism,
         model=model,
@@ -152,7 +153,7 @@ def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False)
         sensor_offset=np.zeros(model.nsensordata),
         sensor_drift_per_s=np.zeros(model.nsensordata),
         sensor_crosstalk=np.zeros((model.nsensordata, model.nsensordata)),
-        contact_law=np.array([contact.law for contact in mechanism.contacts]).reshape(-1, 5),
+        contact_law=np.array([contact.list_numbers(weight_N) for contact in mechanism.contacts]).reshape(-1, 7),
         spring_half_gap=zeros.copy(),
     )
 
@@ -226,3 +227,8 @@ def scale_contact_friction(plant: Plant, factor: float) -> None:
     plant.model.geom_friction[:, 0] *= factor
     plant.model.pair_friction[:, :2] *= factor
     plant.contact_law[:, FRICTION] *= factor
+
+
+def add_contact_power(plant: Plant, by: float) -> None:
+    """Adds to the power of the depth in all contacts that have a law of their own; the force at the usual depth stays."""
+    plant.contact_law[:, MORE_POWER] += by

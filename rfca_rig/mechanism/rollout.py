@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.mechanism.contact_law import ContactArrays, push
-from rfca_rig.mechanism.contact_step import StageArrays, step_with_contacts
+from rfca_rig.mechanism.contact_step import StageArrays, take_step
 from rfca_rig.mechanism.gears import PARTS, SMOOTHED_S, add_deflection, estimate_gear_start
 from rfca_rig.mechanism.joint_law import pack_laws
-from rfca_rig.mechanism.mujoco_calls import STEP, STEP_1, STEP_2, call_mujoco, list_addresses
+from rfca_rig.mechanism.mujoco_calls import list_addresses
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.prescribed import PrescribedArrays, PrescribedMotion, prescribe
 from rfca_rig.mechanism.rest import hang
@@ -132,9 +132,6 @@ def carry(
     `torque_speed` (2, u) or (2, 0): the largest command at rest, and the share of it that each unit of speed of the actuator's joint,
     `joints` (u,), takes away; the second is negative where the gear turns the other way round. `path_torque` (k, n) or (k, 0): the torques
     of the actuators in each step.
-
-    Where contacts have a law of their own, `step_with_contacts` takes the step. With MuJoCo's implicit integrator, `stages` is empty, and
-    a step is done in halves: the law asks for places and speeds of the step's beginning.
     """
     for k in range(command.shape[0]):
         for i in range(q.size):
@@ -158,17 +155,7 @@ def carry(
         for j in range(torque_speed.shape[1]):
             lost = torque_speed[1, j] * w[joints[j]]
             ctrl[j] = min(max(ctrl[j], -torque_speed[0, j] * max(0.0, 1.0 + lost)), torque_speed[0, j] * max(0.0, 1.0 - lost))
-        if stages.q.size > 0:
-            step_with_contacts(addresses, model, data, q, w, h, stages, contacts, sensordata, path_s[k])
-        else:
-            if contacts.radius.size > 0:
-                call_mujoco(addresses[STEP_1], model, data)
-                push(contacts, h)
-                call_mujoco(addresses[STEP_2], model, data)
-            else:
-                call_mujoco(addresses[STEP], model, data)
-            for i in range(path_s.shape[1]):
-                path_s[k, i] = sensordata[i]
+        take_step(addresses, model, data, q, w, h, stages, contacts, sensordata, path_s[k])
         for i in range(path_torque.shape[1]):
             path_torque[k, i] = by_actuators[i]
     prescribe(prescribed, command.shape[0], h, q, w, applied)

@@ -55,7 +55,7 @@ FAMILIES = (
         "contact_compliance",
         "the contacts yield, or lose energy, otherwise than in the model",
         "ground",
-        frozenset(("contact_stiffness", "contact_damping")),
+        frozenset(("contact_stiffness", "contact_damping", "contact_power")),
     ),
     Family("floor_holds", "the floor holds the leg back when it leaves", "ground", frozenset(("ground_adhesion",))),
     Family("floor_geometry", "the floor is elsewhere than stated: height or slope", "ground", frozenset(("height_offset", "ground_tilt"))),

@@ -10,7 +10,13 @@ from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.contact_law import SphereOnPlane, check_contacts
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.nuisances import NUISANCES
-from rfca_rig.mechanism.plant import make_plant, scale_contact_damping, scale_contact_friction, scale_contact_stiffness
+from rfca_rig.mechanism.plant import (
+    add_contact_power,
+    make_plant,
+    scale_contact_damping,
+    scale_contact_friction,
+    scale_contact_stiffness,
+)
 from rfca_rig.mechanism.rollout import CommandTrace, roll
 
 KG, RADIUS_M = 0.4, 0.03
@@ -98,8 +104,8 @@ def test_nuisance_parameters_and_effects_scale_the_law(tmp_path):
     scale_contact_friction(plant, 0.5)
     NUISANCES["contact_presliding_relative"].shift(plant, 0, 1.0)
     NUISANCES["contact_drag_relative"].shift(plant, 0, -0.5)
-    assert plant.contact_law[0] == pytest.approx((8e4, 1.5, 0.15, 4e-4, 0.75))
-    assert make_plant(plant.mechanism, 1e-3).contact_law[0] == pytest.approx(LAW.law)
+    assert plant.contact_law[0, :5] == pytest.approx((8e4, 1.5, 0.15, 4e-4, 0.75))
+    assert make_plant(plant.mechanism, 1e-3).contact_law[0] == pytest.approx(LAW.list_numbers(9.81 * KG))
 
 
 def test_at_rest_a_ball_lies_as_deep_as_its_weight_presses_it(tmp_path):
@@ -107,6 +113,17 @@ def test_at_rest_a_ball_lies_as_deep_as_its_weight_presses_it(tmp_path):
     expected = RADIUS_M - (9.81 * KG / LAW.stiffness_N_per_m1p5) ** (2 / 3)
     assert found.position[:, 1] == pytest.approx(expected, abs=1e-7)
     assert found.touch_s[0] == 0.0
+
+
+def test_with_another_power_a_ball_lies_otherwise_only_where_more_than_its_weight_presses_it(tmp_path):
+    """With p = -0.5 the law is N = k d_0^0.5 d: under twice its weight, the ball lies twice as deep as under its own."""
+    depth_m = (9.81 * KG / LAW.stiffness_N_per_m1p5) ** (2 / 3)
+    for gravity, expected in ((9.81, depth_m), (19.62, 2.0 * depth_m)):
+        plant = make_plant(ball(tmp_path), 1e-4)
+        add_contact_power(plant, -0.5)
+        plant.model.opt.gravity[2] = -gravity
+        found = roll(plant, pushed(0.0), None, None, T_S)
+        assert RADIUS_M - found.position[:, 1] == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pytest
 
 from rfca_rig.cli.names import MECHANISM_EFFECTS
 from rfca_rig.mechanism.amend import write_amended_model
+from rfca_rig.mechanism.contact_law import SphereOnPlane
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import Sensor, load_mechanism
 from rfca_rig.mechanism.nuisances import NUISANCES, places_of
@@ -192,7 +193,8 @@ def test_effects_of_sensors_change_readings_alone_and_those_of_contacts_the_moti
 def test_the_shell_offers_the_ids_of_all_effects(mechanism, on_floor):
     two_sensors = replace(USUAL_HOP, sensors={"plate_force": 20.0, "other": 1.0})
     sensors = replace(on_floor, sensors=on_floor.sensors | {"other": Sensor(0, 1, "N")})
-    of_hopper = {effect.id for effect in list_effects(sensors, two_sensors)}
+    sole = SphereOnPlane("sole", "floor", 2e5, 0.4, 0.5, 1e-4, 0.0)
+    of_hopper = {effect.id for effect in list_effects(replace(sensors, contacts=(sole,)), two_sensors)}
     assert set(MECHANISM_EFFECTS) == {*effects_of(mechanism), *of_hopper}
 
 
