@@ -123,7 +123,8 @@ class DriveSection(Section):
 class KnownToSection(Section):
     """[known_to]: one standard deviation of each believed value. A fit may move these; what is not listed counts as exact.
 
-    `_relative` is a share of the believed value, 0.03 for 3 %.
+    `_relative` is a share of the believed value, 0.03 for 3 %. What hardly anybody measures, from `presliding_relative` on, is moved by a
+    diagnosis in any case, with a usual standard deviation where none is listed here; 0 makes it exact.
     """
 
     height_mm: Positive | None = None
@@ -134,6 +135,13 @@ class KnownToSection(Section):
     mass_relative: Positive | None = None
     hinge_damping_relative: Positive | None = None
     contact_stiffness_relative: Positive | None = None
+    presliding_relative: NotNegative | None = None
+    tangential_damping_N_s_per_m: NotNegative | None = None
+    friction_rise_share: NotNegative | None = None
+    leaving_damping_share: NotNegative | None = None
+    swing_sags: NotNegative | None = None
+    swing_sags_per_s: NotNegative | None = None
+    command_delay_ms: NotNegative | None = None
 
 
 class EffectSection(Section):

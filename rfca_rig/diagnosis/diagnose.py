@@ -190,7 +190,7 @@ def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence
     def search(holds_start: bool) -> ModelSelectionResult:
         return search_models(
             dataset,
-            Parameterization(_space_of_drive(supposed, holds_start)),
+            Parameterization(_space_of_drive(supposed, holds_start, body.known_to)),
             effects,
             lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share),
         )
@@ -200,12 +200,12 @@ def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence
     if not soft:
         return found
     optimizer = GaussNewton(dataset, found.likelihood)
-    held = replace(soft[0].coordinates, space=_space_of_drive(supposed, True))
+    held = replace(soft[0].coordinates, space=_space_of_drive(supposed, True, body.known_to))
     other = optimizer.at(held, soft[0].x, soft[0].jacobian)
     suits = other is not None and optimizer.log_evidence(optimizer.refine(other)) > optimizer.log_evidence(soft[0])
     return search(True) if suits else found
 
 
-def _space_of_drive(supposed: Supposed, holds_start: bool) -> Space[Supposed]:
+def _space_of_drive(supposed: Supposed, holds_start: bool, known_to: Mapping[str, float]) -> Space[Supposed]:
     rig = replace(supposed.rig, drive=replace(supposed.rig.drive, holds_start=holds_start))
-    return nuisances_of_drive(rig, replace(supposed, rig=rig, turn_offset_rad=0.0))
+    return nuisances_of_drive(rig, replace(supposed, rig=rig, turn_offset_rad=0.0), known_to)

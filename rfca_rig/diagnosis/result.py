@@ -175,6 +175,7 @@ class Diagnosis:
     `grade` is what is stated, with `probability`; `verdict` is the same in the words of rfca-diagnosis/1, where "mostly" and "family" are
     "unexplained". `explained_share` is the share of the removable held-out misfit that the stated effects explain, `remaining` where model
     and recordings still differ, `support` the numbers that the probabilities rest on, `stated_law` a law that was measured on request.
+    `believed_values` are the nuisance parameters after the fit, `priors` the same before it, with their standard deviations.
     """
 
     title: str
@@ -207,3 +208,4 @@ class Diagnosis:
     support: tuple[Mapping[str, object], ...] = ()
     recordings: tuple[Diagnosed, ...] = ()
     stated_law: StatedLaw | None = None
+    priors: Mapping[str, Value] = field(default_factory=dict)

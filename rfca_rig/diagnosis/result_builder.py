@@ -55,6 +55,7 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         remarks=(),
         next_experiment=None,
         believed_values=nuisance_values(explanation),
+        priors=nuisance_priors(explanation),
         overlays=overlays(found, explanation, experiment),
         settings=_settings(found, effects),
         found_effects=present_effects(used),
@@ -103,13 +104,19 @@ def _not_seen(
 def moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
     """The nuisance parameters that had to move by more than MOVED prior standard deviations, farthest first."""
     space, posterior = hypothesis.fitted.coordinates.space, hypothesis.marginal.posterior
-    centres, stds, values = space.centres, space.prior_std, nuisance_values(hypothesis)
+    priors, values = nuisance_priors(hypothesis), nuisance_values(hypothesis)
     found = [
-        MovedPrior(p.name, p.unit, Value(float(centre), float(std)), values[p.name], float(z))
-        for p, centre, std, z in zip(space.parameters, centres, stds, posterior.mean, strict=False)
+        MovedPrior(p.name, p.unit, priors[p.name], values[p.name], float(z))
+        for p, z in zip(space.parameters, posterior.mean, strict=False)
         if abs(z) > MOVED
     ]
     return tuple(sorted(found, key=lambda one: -abs(one.deviations)))
+
+
+def nuisance_priors(hypothesis: Hypothesis) -> Mapping[str, Value]:
+    """The nuisance parameters in their units before the fit, with standard deviations."""
+    space = hypothesis.fitted.coordinates.space
+    return {name: Value(float(v), float(s)) for name, v, s in zip(space.names, space.centres, space.prior_std, strict=True)}
 
 
 def nuisance_values(hypothesis: Hypothesis) -> Mapping[str, Value]:

@@ -47,6 +47,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
             for r in diagnosis.rivals
         ],
         "believed_values": {name: _value(value) for name, value in diagnosis.believed_values.items()},
+        "priors": {name: _value(value) for name, value in diagnosis.priors.items()},
         "remaining": [_located(place) for place in diagnosis.remaining],
         "moved_priors": [asdict(one) for one in diagnosis.moved_priors],
         "remarks": diagnosis.remarks,

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
-from rfca_rig.diagnosis.result import Diagnosis, Located, NamedEffect, NotSeen, Rival
+from rfca_rig.diagnosis.result import Diagnosis, Located, NamedEffect, NotSeen, Rival, Value
 from rfca_rig.report.diagnosis_map import BAND_WORDS, maps_of
 from rfca_rig.report.diagnosis_pictures import pictures_of
 from rfca_rig.report.diagnosis_tables import before_after_table
@@ -81,9 +81,14 @@ def page(diagnosis: Diagnosis, origin: Origin, files: Sequence[str] = ()) -> str
         unexplained=[_text(text) for text in diagnosis.unexplained],
         next_experiment=entries(diagnosis.next_experiment or {}),
         remarks=[_text(text) for text in diagnosis.remarks],
-        believed=[(*words_and_unit(name), within_90(value)) for name, value in diagnosis.believed_values.items()],
+        believed=[_nuisance(name, value, diagnosis.priors.get(name)) for name, value in diagnosis.believed_values.items()],
         settings=entries(diagnosis.settings),
     )
+
+
+def _nuisance(name: str, value: Value, prior: Value | None) -> tuple[str, str, str, str]:
+    """Words, unit, value after the fit, and what it was before."""
+    return (*words_and_unit(name), within_90(value), "" if prior is None else within_90(prior))
 
 
 def _text(text: str) -> str:

@@ -10,7 +10,7 @@ from rfca_rig.report.table import Column, Row, Table, places
 from rfca_rig.report.table import Value as Shown
 
 MOST_PLACES = 4
-ALL_DATA, HELD_OUT = "all data", "predicted from the others"
+ALL_DATA, HELD_OUT, PRIOR = "all data", "predicted from the others", "prior"
 
 PARAMETERS = (
     Column("effect", "Effect"),
@@ -36,9 +36,15 @@ def parameters_table(diagnosis: Diagnosis) -> Table:
 
 
 def believed_table(diagnosis: Diagnosis) -> Table:
-    """What was believed, as the recordings leave it."""
-    columns = (Column("parameter", "Believed value"), *PARAMETERS[2:7])
-    rows = tuple(Row(_measured(name, value)) for name, value in diagnosis.believed_values.items())
+    """The nuisance parameters, as the recordings leave them, with their priors."""
+    priors = {name: {"prior_value": value.value, "prior_std": value.std} for name, value in diagnosis.priors.items()}
+    columns = (
+        Column("parameter", "Nuisance parameter"),
+        *PARAMETERS[2:7],
+        Column("prior_value", "Before", over=PRIOR),
+        Column("prior_std", "Std.", over=PRIOR),
+    )
+    rows = tuple(Row({**_measured(name, value), **priors.get(name, {})}) for name, value in diagnosis.believed_values.items())
     return Table("believed", "As the recordings leave them, ± half of a 90 % interval.", columns, rows)
 
 

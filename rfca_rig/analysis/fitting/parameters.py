@@ -51,6 +51,10 @@ def _with_lever(at: Supposed, lever_mm: float) -> Supposed:
     return replace(at, rig=replace(at.rig, ground=replace(at.rig.ground, friction_lever_m=1e-3 * lever_mm)))
 
 
+def _shifted(name: str, field: str, unit: str, spread: float, known_to: str, lowest: float = 0.0) -> Parameter[Supposed]:
+    return replace(_of_ground(name, field, unit, spread, known_to), relative=False, lowest=lowest)
+
+
 def _mass_g(at: Supposed) -> float:
     return 1e3 * sum(at.rig.leg.link_masses_kg)
 
@@ -80,8 +84,6 @@ def _with_ramp(at: Supposed, ramp_ms: float) -> Supposed:
     return replace(at, rig=replace(at.rig, drive=replace(at.rig.drive, ramp_s=1e-3 * ramp_ms)))
 
 
-_friction = replace(_of_ground("friction", "friction_coefficient", "", 0.1, "friction_coefficient"), relative=False, lowest=0.0)
-
 PARAMETERS: Mapping[str, Parameter[Supposed]] = {
     parameter.name: parameter
     for parameter in (
@@ -90,14 +92,14 @@ PARAMETERS: Mapping[str, Parameter[Supposed]] = {
         _of_leg("hinge_damping", "hinge_damping_Nm_s_per_rad", "N m s/rad", 0.5, known_to="hinge_damping_relative"),
         Parameter("mass", "g", True, 0.02, _mass_g, _with_mass, "mass_relative"),
         _of_leg("link_radius", "link_radius_m", "mm", 0.3, scale=1e3),
-        _friction,
+        _shifted("friction", "friction_coefficient", "", 0.1, "friction_coefficient"),
         _of_ground("contact_stiffness", "stiffness_N_per_m1p5", "N/m1.5", 0.5, "contact_stiffness_relative"),
         _of_ground("contact_damping", "damping_s_per_m", "s/m", 0.5),
-        _of_ground("presliding", "presliding_m", "mm", 0.5, scale=1e3),
+        _of_ground("presliding", "presliding_m", "mm", 0.5, "presliding_relative", 1e3),
         Parameter("friction_lever", "mm", False, 4.0, lambda at: 1e3 * at.rig.friction_lever_m, _with_lever),
-        replace(_of_ground("friction_rise", "friction_rise_share", "", 0.5), relative=False),
-        replace(_of_ground("leaving_damping", "leaving_damping_share", "", 0.5), relative=False, lowest=0.0),
-        replace(_of_ground("tangential_damping", "drag_N_s_per_m", "N s/m", 1.0), relative=False, lowest=0.0),
+        _shifted("friction_rise", "friction_rise_share", "", 0.5, "friction_rise_share", lowest=-np.inf),
+        _shifted("leaving_damping", "leaving_damping_share", "", 0.5, "leaving_damping_share"),
+        _shifted("tangential_damping", "drag_N_s_per_m", "N s/m", 1.0, "tangential_damping_N_s_per_m"),
         Parameter("below_shaft", "mm", False, 2.0, lambda at: 1e3 * at.rig.sensor.below_shaft_m, _with_below_shaft),
         Parameter("ramp", "ms", True, 0.2, lambda at: 1e3 * at.rig.drive.ramp_s, _with_ramp),
         Parameter("start_angle", "deg", False, 0.5, _start_deg, _with_start, "start_angle_deg"),

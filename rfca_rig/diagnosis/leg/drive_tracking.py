@@ -40,7 +40,7 @@ def excluded_by_tracking(shafts: Sequence[ShaftCondition], rig: RigModel, effect
     """
     wanted = [effect for effect in effects if effect.id not in {present.id for present in rig.effects}]
     shafts = [shafts[number] for number in spread(len(shafts), DEFAULT_SEARCH.coarse_conditions)]
-    dataset, coordinates = leg_dataset(shafts), Parameterization(nuisances_of_drive(rig, Supposed(rig)))
+    dataset, coordinates = leg_dataset(shafts), Parameterization(nuisances_of_drive(rig, Supposed(rig), {}))
     base = without_scatter(dataset).at(coordinates, np.zeros(coordinates.size))
     probes = [] if base is None else probe_effects(dataset, base, grid_points(term for effect in wanted for term in terms_of(effect)))
     return find_detection_limits(wanted, probes, _TrackingError(shafts, rig.drive.ramp_s), rig, needed=1.0)

@@ -109,7 +109,9 @@ def _late(body: "PreparedData", verdicts: "Findings") -> tuple[str, ...]:
             return ()
         late_ms = 1e3 * float(np.mean([late_s(shaft, body.rig.drive.ramp_s) for shaft in body.shafts]))
         return (f"but for being {late_ms:.1f} ms late the drive does what it is told",)
-    fitted_ms = nuisance_values(verdicts.drive_decision.explanation)["command_delay"]
+    fitted_ms = nuisance_values(verdicts.drive_decision.explanation).get("command_delay")
+    if fitted_ms is None:
+        return ()
     said = f"the drive does what it is told {fitted_ms.value:.1f} ms late (standard deviation {fitted_ms.std:.1f} ms)"
     return (said,) if fitted_ms.value > SHOWS * fitted_ms.std else ()
 
