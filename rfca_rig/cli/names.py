@@ -69,6 +69,8 @@ MECHANISM_EFFECTS = (
     "contact_friction",
     "contact_power",
     "gravity_tilt",
+    "prescribed_offset",
+    "prescribed_angle_offset",
     "added_mass",
     "centre_of_mass",
 )

@@ -35,6 +35,7 @@ MOST_DEFLECTION = 0.3  # of a gear, as a share of the usual travel: with more, a
 # 0.004 kg m2 are followed alike; with 0.1 the error doubles in the joint of the lightest one, for a play of 0.03 rad.
 LEAST_ROTOR = 0.02
 FALLS_BY = 0.02  # least share of the largest command that is lost at usual speed: less limits next to no recorded command
+MOST_OFFSET = 0.05  # of a prescribed joint, in rad, or as a share of the mechanism's size: 3 deg, or 20 mm of a leg that is 0.4 m long
 FAR = 1e6  # rad or m: the end of a range that has none
 
 
@@ -285,6 +286,14 @@ def _of_contacts(mechanism: Mechanism) -> Iterator[Effect]:
                      "Johnson, Contact Mechanics, 1985, ch. 4", (power,), harden)  # fmt: skip
 
 
+def _shift_reading(joint: int, offset: Parameter) -> Callable[[Plant, Values], Plant]:
+    def apply(plant: Plant, values: Values) -> Plant:
+        plant.zero_offset[joint] += values[offset.name]
+        return plant
+
+    return apply
+
+
 def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
     model = mechanism.model
 
@@ -320,6 +329,15 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
         yield Effect("centre_of_mass", "bodies", "the centre of mass of a body is elsewhere",
                      "its distance from the body's frame is larger by the shift, in the same direction", "-",
                      (body, shift), move)  # fmt: skip
+    for slides, name, words, unit, most in (
+        (True, "prescribed_offset", "a prescribed slide stands elsewhere than it reads", "m", MOST_OFFSET * float(model.stat.extent)),
+        (False, "prescribed_angle_offset", "a prescribed hinge stands elsewhere than it reads", "rad", MOST_OFFSET),
+    ):
+        of_kind = [joint for joint in mechanism.prescribed if mechanism.is_slide[joint] == slides]
+        if len(of_kind) == 1:
+            (joint,), offset = of_kind, Parameter(f"offset_{unit}", -most, most)
+            yield Effect(name, "rig", words, "q_read = q + offset, in all recordings alike", "-", (offset,), _shift_reading(joint, offset),
+                         same_as=f"{mechanism.joints[joint]}.zero_offset_{unit}")  # fmt: skip
     total = float(sum(model.body_mass[place] for place in heavy))
     body = Parameter("body", 1.0, float(len(heavy)), may_be_zero=False, whole=True)
     mass = Parameter("mass_kg", SMALLEST * total, 3.0 * LARGEST * total, may_be_zero=False)

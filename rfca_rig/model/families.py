@@ -58,7 +58,12 @@ FAMILIES = (
         frozenset(("contact_stiffness", "contact_damping", "contact_power")),
     ),
     Family("floor_holds", "the floor holds the leg back when it leaves", "ground", frozenset(("ground_adhesion",))),
-    Family("floor_geometry", "the floor is elsewhere than stated: height or slope", "ground", frozenset(("height_offset", "ground_tilt"))),
+    Family(
+        "floor_geometry",
+        "the floor is elsewhere than stated: height or slope",
+        "ground",
+        frozenset(("height_offset", "ground_tilt", "prescribed_offset")),
+    ),
     Family("rig_tilt", "the rig is not plumb", "rig", frozenset(("gravity_tilt",))),
     Family("rig_yields", "the frame under the shaft yields", "rig", frozenset(("frame_compliance",))),
     Family(

@@ -195,7 +195,9 @@ def test_the_shell_offers_the_ids_of_all_effects(mechanism, on_floor):
     sensors = replace(on_floor, sensors=on_floor.sensors | {"other": Sensor(0, 1, "N")})
     sole = SphereOnPlane("sole", "floor", 2e5, 0.4, 0.5, 1e-4, 0.0)
     of_hopper = {effect.id for effect in list_effects(replace(sensors, contacts=(sole,)), two_sensors)}
-    assert set(MECHANISM_EFFECTS) == {*effects_of(mechanism), *of_hopper}
+    held = {effect.id for joint in (0, 1) for effect in list_effects(replace(on_floor, prescribed=(joint,)), USUAL_HOP)}
+    turned = {effect.id for effect in list_effects(replace(mechanism, prescribed=(0,)), USUAL)}
+    assert set(MECHANISM_EFFECTS) == {*effects_of(mechanism), *of_hopper, *held, *turned}
 
 
 def test_effects_of_sensors_and_contacts_need_them(mechanism, on_floor):
