@@ -118,7 +118,9 @@ def shaft_compliance(world: World, values: Values) -> World:
 def frame_compliance(world: World, values: Values) -> World:
     mass, rate = values["moving_mass_kg"], 2.0 * np.pi * values["frequency_Hz"]
     damping = 2.0 * values["damping_ratio"] * mass * rate
-    return replace(world, mount=replace(world.mount, frame_kg=mass, frame_N_per_m=mass * rate**2, frame_N_s_per_m=damping))
+    lean, felt = np.radians(values.get("lean_deg", 0.0)), values.get("mass_on_sensor_share", 0.0)
+    mount = replace(world.mount, frame_kg=mass, frame_N_per_m=mass * rate**2, frame_N_s_per_m=damping, frame_lean_rad=lean)
+    return replace(world, mount=replace(mount, frame_felt_share=felt))
 
 
 def height_offset(world: World, values: Values) -> World:

@@ -94,7 +94,8 @@ def _mount(world: World) -> Floats:
     mount, links = world.mount, world.links
     pull = GRAVITY_M_S2 * np.array([np.sin(mount.lean_rad), np.cos(mount.lean_rad)])
     drag = links.drag_N_s2_per_m3, links.drag_power
-    return np.array([links.end_radius_m, *drag, *pull, mount.frame_kg, mount.frame_N_per_m, mount.frame_N_s_per_m])
+    frame = mount.frame_kg, mount.frame_N_per_m, mount.frame_N_s_per_m, mount.frame_lean_rad, mount.frame_felt_share
+    return np.array([links.end_radius_m, *drag, *pull, *frame])
 
 
 def _at_release(world: World, rod: Floats) -> tuple[Floats, Floats]:

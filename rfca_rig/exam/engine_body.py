@@ -21,13 +21,17 @@ SY, SD = range(2)
 
 
 @compiled
-def place_bodies(rod: Floats, phi: Floats, w: Floats, frame: bool, pose: Floats) -> None:
-    """Positions, velocities and centripetal accelerations of all joints. With a frame, phi[n] is how far the shaft has sunk."""
+def place_bodies(rod: Floats, phi: Floats, w: Floats, frame: bool, lean: float, pose: Floats) -> None:
+    """Positions, velocities and centripetal accelerations of all joints.
+
+    With a frame, phi[n] is how far the shaft has moved along a line that leans from d towards y.
+    """
     n = rod.shape[1]
     angle = spin = 0.0
-    pose[Y, 0] = pose[VY, 0] = pose[AY, 0] = pose[AD, 0] = 0.0
-    pose[D, 0] = phi[n] if frame else 0.0
-    pose[VD, 0] = w[n] if frame else 0.0
+    pose[Y, 0] = pose[VY, 0] = pose[AY, 0] = pose[AD, 0] = pose[D, 0] = pose[VD, 0] = 0.0
+    if frame:
+        pose[Y, 0], pose[D, 0] = phi[n] * np.sin(lean), phi[n] * np.cos(lean)
+        pose[VY, 0], pose[VD, 0] = w[n] * np.sin(lean), w[n] * np.cos(lean)
     for k in range(n):
         angle += phi[k]
         spin += w[k]
@@ -40,10 +44,12 @@ def place_bodies(rod: Floats, phi: Floats, w: Floats, frame: bool, pose: Floats)
 
 
 @compiled
-def gather(rod: Floats, pose: Floats, load: Floats, gravity_y: float, gravity_d: float, M: Floats, bias: Floats, lump: Floats) -> None:
-    """Mass matrix M (n + 1, n + 1) and what resists at zero joint acceleration, bias (n + 2).
+def gather(
+    rod: Floats, pose: Floats, load: Floats, gravity_y: float, gravity_d: float, lean: float, M: Floats, bias: Floats, lump: Floats
+) -> None:
+    """Mass matrix M (n + 1, n + 1) and what resists at zero joint acceleration, bias (n + 3).
 
-    Row n of both is the whole leg sinking; bias[n] and bias[n + 1] are the forces along d and y that hold the leg.
+    Row n of both is the whole leg moving along the frame's line; bias[n + 1] and bias[n + 2] are the forces along d and y that hold it.
     """
     n = rod.shape[1]
     mass = sy = sd = inertia = fy = fd = torque = 0.0
@@ -61,10 +67,10 @@ def gather(rod: Floats, pose: Floats, load: Floats, gravity_y: float, gravity_d:
         fy, fd = out_y + in_y, out_d + in_d
         bias[k], lump[SY, k], lump[SD, k] = torque, sy, sd
         M[k, k] = inertia
-        M[n, k] = sy
+        M[n, k] = sy * np.cos(lean) - sd * np.sin(lean)
         for i in range(k):
             M[k, i] = inertia + (pose[Y, k] - pose[Y, i]) * sy + (pose[D, k] - pose[D, i]) * sd
-    M[n, n], bias[n], bias[n + 1] = mass, fd, fy
+    M[n, n], bias[n], bias[n + 1], bias[n + 2] = mass, fd * np.cos(lean) + fy * np.sin(lean), fd, fy
 
 
 @compiled

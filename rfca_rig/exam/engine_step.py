@@ -25,8 +25,8 @@ from rfca_rig.exam.engine_hinge import DAMPING, QUADRATIC, hinge_torque, remembe
 
 Floats = NDArray[np.float64]
 
-# entries of `mount` (8)
-RADIUS, LINK_DRAG, DRAG_POWER, GRAVITY_Y, GRAVITY_D, FRAME_MASS, FRAME_STIFFNESS, FRAME_DAMPING = range(8)
+# entries of `mount` (10)
+RADIUS, LINK_DRAG, DRAG_POWER, GRAVITY_Y, GRAVITY_D, FRAME_MASS, FRAME_STIFFNESS, FRAME_DAMPING, FRAME_LEAN, FRAME_FELT = range(10)
 # columns of the samples: forces on the mount, torque into the leg and of the motor, the motor's angle and speed, then n angles
 FORCE_Y, FORCE_D, LEG_TORQUE, MOTOR_TORQUE, ANGLE, SPEED, BENT = range(7)
 
@@ -138,23 +138,24 @@ def run(
     """Steps from `t0`; row i of `out` is the mean over the steps of `window` (m, 2), first and last. False where it blows up."""
     n, size = rod.shape[1], phi.size
     frame, held, row = size > n, drive[SHAFT] == 0.0 and drive[KP] == 0.0, 0
-    w, gained, rate, x, bias = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(n + 2)
+    w, gained, rate, x, bias = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(n + 3)
     M, A, pose, load, lump = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1)), np.zeros((9, n + 1)), np.zeros((3, n)), np.zeros((2, n))
     memory, used, now = np.zeros((n, 3)), np.zeros(n), np.zeros(BENT + n)
-    hanging = rod[1].sum() * mount[GRAVITY_D]
+    lean = mount[FRAME_LEAN]
+    hanging = rod[1].sum() * (mount[GRAVITY_D] * np.cos(lean) + mount[GRAVITY_Y] * np.sin(lean))
     for step in range(steps):
         told = motor[TOLD]
         advance_command(drive, knots, motor, t0 + step * h, h)
         drift(phi, w, gained, h, rate)
-        place_bodies(rod, phi, rate, frame, pose)
+        place_bodies(rod, phi, rate, frame, lean, pose)
         load_bodies(rod, mount, floor, pose, used, h, load)
-        gather(rod, pose, load, mount[GRAVITY_Y], mount[GRAVITY_D], M, bias, lump)
+        gather(rod, pose, load, mount[GRAVITY_Y], mount[GRAVITY_D], lean, M, bias, lump)
         balance(M, bias, cable(drive, rate[0]), A, x)
         resist(hinge, memory, phi, w, h, A, x)
         yield_frame(mount, hanging, phi, w, h, n, A, x)
         torque = solve(drive, motor, told, held, phi, w, h, A, x)
         press(floor, mount[RADIUS], pose, used, h, True, load)
-        feel(M, bias, lump, x, frame, cable(drive, rate[0]), phi, now)
+        feel(M, bias, lump, x, frame, mount, cable(drive, rate[0]), phi, now)
         kick(hinge, memory, x, h, phi, w, gained)
         report_motor(drive, motor, told, torque, held, phi, w, h, now)
         row = sample(now, step, row, window, out)
@@ -162,17 +163,24 @@ def run(
 
 
 @compiled
-def feel(M: Floats, bias: Floats, lump: Floats, a: Floats, frame: bool, cable_torque: float, phi: Floats, now: Floats) -> None:
-    """Force of the mount on the leg and torque into it, from the accelerations, and the angles in the middle of the step."""
+def feel(
+    M: Floats, bias: Floats, lump: Floats, a: Floats, frame: bool, mount: Floats, cable_torque: float, phi: Floats, now: Floats
+) -> None:
+    """Force of the mount on the leg and torque into it, from the accelerations, and the angles in the middle of the step.
+
+    With a frame, a part of its mass may stand above the sensor.
+    """
     n = lump.shape[1]
-    fy, fd, torque = bias[n + 1], bias[n], bias[0] - cable_torque
+    fy, fd, torque = bias[n + 2], bias[n + 1], bias[0] - cable_torque
     for j in range(n):
         fy -= lump[SD, j] * a[j]
         fd += lump[SY, j] * a[j]
         torque += M[j, 0] * a[j]
         now[BENT + j] = phi[j]
     if frame:
-        fd += M[n, n] * a[n]
+        carried = (M[n, n] + mount[FRAME_FELT] * mount[FRAME_MASS]) * a[n]
+        fd += carried * np.cos(mount[FRAME_LEAN])
+        fy += carried * np.sin(mount[FRAME_LEAN])
         torque += M[n, 0] * a[n]
     now[FORCE_Y], now[FORCE_D], now[LEG_TORQUE] = fy, fd, torque
 

@@ -111,13 +111,18 @@ class DriveOf:
 
 @dataclass(frozen=True)
 class Mount:
-    """Where the shaft is. `frame_kg` > 0 lets it yield vertically. Gravity leans towards +y by `lean`."""
+    """Where the shaft is. Gravity leans towards +y by `lean_rad`.
+
+    `frame_kg` > 0 lets it yield along a line that leans from down towards +y; the sensor feels a share of this mass.
+    """
 
     height_m: float
     below_shaft_m: float
     frame_kg: float = 0.0
     frame_N_per_m: float = 0.0
     frame_N_s_per_m: float = 0.0
+    frame_lean_rad: float = 0.0
+    frame_felt_share: float = 0.0
     lean_rad: float = 0.0
 
 

@@ -8,7 +8,7 @@ therefore cut short right behind a turn, and the anchors are put where the end h
 import numpy as np
 
 from rfca_rig.model.compiled import inlined
-from rfca_rig.model.contact import less_rolled, stretch_after
+from rfca_rig.model.contact import less_rolled, stretch_after, turn_to_floor
 from rfca_rig.model.state import Chain, Floats, State, Work
 
 MISSED_SHARE = 0.02  # of the presliding: how far an end may go back unnoticed; that share of mu N is wrong for the step
@@ -42,7 +42,7 @@ def length_to_turn(chain: Chain, h: float, work: Work) -> float:
 def tie_anchors(chain: Chain, state: State, h: float, q: Floats, work: Work) -> bool:
     """After a step of length h, the ends located in `work`: ties each where it has been. True where that changes a friction force."""
     changed = False
-    y = q[chain.length.size] * chain.floor_sin if q.size > chain.length.size else 0.0
+    y = q[chain.length.size] * turn_to_floor(chain)[0] if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
         less = less_rolled(chain, state, k, q, work)
@@ -70,7 +70,7 @@ def tie_anchors(chain: Chain, state: State, h: float, q: Floats, work: Work) -> 
 @inlined
 def note_ends(chain: Chain, state: State, q: Floats, work: Work) -> None:
     """Keeps what the located ends do where the next step begins, with their stretch from the anchors as they are now."""
-    y = q[chain.length.size] * chain.floor_sin if q.size > chain.length.size else 0.0
+    y = q[chain.length.size] * turn_to_floor(chain)[0] if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
         work.ends[k, 0], work.ends[k, 1], work.ends[k, 3] = work.place[k, 0], work.place[k, 1], work.place[k, 3]

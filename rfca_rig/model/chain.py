@@ -74,6 +74,8 @@ def chain_of(rig: RigModel, height_m: float) -> Chain:
         frame_stiffness=0.0,
         frame_damping=0.0,
         frame_on_sensor=0.0,
+        frame_down=1.0,
+        frame_aside=0.0,
     )
 
 

@@ -112,13 +112,21 @@ def less_rolled(chain: Chain, state: State, k: int, q: Floats, work: Work) -> fl
 
 
 @inlined
+def turn_to_floor(chain: Chain) -> tuple[float, float]:
+    """How far a frame that yields by 1 moves along the floor and into it."""
+    along = chain.frame_down * chain.floor_sin + chain.frame_aside * chain.floor_cos
+    return along, chain.frame_down * chain.floor_cos - chain.frame_aside * chain.floor_sin
+
+
+@inlined
 def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) -> None:
     """Of every link end its depth in the floor, the depth's rate, the stretch from its anchor, and its slip, into `work.place`."""
     place, links = work.place, chain.length.size
     y = slide = depth = sink = 0.0
     if q.size > links:
-        y, depth = q[links] * chain.floor_sin, q[links] * chain.floor_cos
-        slide, sink = w[links] * chain.floor_sin, w[links] * chain.floor_cos
+        along_floor, into_floor = turn_to_floor(chain)
+        y, depth = q[links] * along_floor, q[links] * into_floor
+        slide, sink = w[links] * along_floor, w[links] * into_floor
     for k in range(links):
         down, along = work.down[k], work.along[k]
         y += down  # the run along the floor is also the rate at which the end sinks with the angle
@@ -191,8 +199,8 @@ def add_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w:
 
 @inlined
 def add_frame_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w: Floats, weights: Weights | None, work: Work) -> None:
-    """What the contact at the end of link k does to a frame that sinks: that moves every end down with it."""
-    R, J, b, cos, sin = work.R, work.J, w.size - 1, chain.floor_cos, chain.floor_sin
+    """What the contact at the end of link k does to a frame that yields: that moves every end with it."""
+    R, J, b, (sin, cos) = work.R, work.J, w.size - 1, turn_to_floor(chain)
     N, N_delta, N_rate = normal
     F, F_s, F_v, F_N = tangential
     R[b] += N * cos - F * sin
@@ -224,7 +232,7 @@ def stretch_after(chain: Chain, k: int, stretch: float, limit: float, work: Work
 @inlined
 def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
     """At rest or where nothing turned back, the ends located in `work`: anchors follow slipping ends, and wait below those in the air."""
-    y = q[chain.length.size] * chain.floor_sin if q.size > chain.length.size else 0.0
+    y = q[chain.length.size] * turn_to_floor(chain)[0] if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
         less = less_rolled(chain, state, k, q, work)

@@ -71,15 +71,24 @@ def add_inertia(chain: Chain, w: Floats, a: Floats, weights: Weights | None, wor
 
 
 @inlined
+def turn_to_frame(chain: Chain, sin: float, cos: float) -> tuple[float, float]:
+    """Sine and cosine of an angle plus the lean of the line along which the frame yields."""
+    return sin * chain.frame_down + cos * chain.frame_aside, cos * chain.frame_down - sin * chain.frame_aside
+
+
+@inlined
 def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work) -> None:
-    """A frame that sinks by q_b on a spring, b behind the last link, if there is one; q_b = 0 where it carries the leg at rest."""
+    """A frame that yields by q_b on a spring, b behind the last link, if there is one; q_b = 0 where it carries the leg at rest.
+
+    It yields along a line that leans from down towards y: for that, sines and cosines are those of q_i plus this angle.
+    """
     R, J, b = work.R, work.J, chain.length.size
     if q.size == b:
         return
     mass = chain.frame_mass + chain.total_mass
     R[b] += mass * a[b] + chain.frame_damping * w[b] + chain.frame_stiffness * q[b]
     for i in range(b):
-        S, sin, cos = chain.first_moment[i], work.sin[i], work.cos[i]
+        S, (sin, cos) = chain.first_moment[i], turn_to_frame(chain, work.sin[i], work.cos[i])
         R[b] += S * (cos * a[i] - sin * w[i] * w[i])
         R[i] += S * cos * a[b]
     if weights is None:
@@ -87,7 +96,7 @@ def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | 
     ca, cw, cq = weights
     J[b, b] += ca * mass + cw * chain.frame_damping + cq * chain.frame_stiffness
     for i in range(b):
-        S, sin, cos = chain.first_moment[i], work.sin[i], work.cos[i]
+        S, (sin, cos) = chain.first_moment[i], turn_to_frame(chain, work.sin[i], work.cos[i])
         J[b, i] += ca * S * cos - cw * 2.0 * S * sin * w[i] - cq * S * (sin * a[i] + cos * w[i] * w[i])
         J[i, b] += ca * S * cos
         J[i, i] -= cq * S * sin * a[b]
@@ -262,7 +271,9 @@ def measure(
     force[1] = chain.total_mass * chain.gravity + work.outside[1]
     force[2] = work.R[0]
     if q.size > chain.length.size:
-        force[1] -= (chain.total_mass + chain.frame_on_sensor * chain.frame_mass) * a[chain.length.size]
+        carried = (chain.total_mass + chain.frame_on_sensor * chain.frame_mass) * a[chain.length.size]
+        force[0] += carried * chain.frame_aside
+        force[1] -= carried * chain.frame_down
     for i in range(chain.length.size):
         sin, cos, ww = work.sin[i], work.cos[i], w[i] * w[i]
         N, F = work.contact[0, i], work.contact[1, i]

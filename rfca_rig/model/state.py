@@ -25,8 +25,9 @@ class Chain(NamedTuple):
     """Leg and ground. Arrays (n,) per link, `moment` (n, n) couples the links (inertia on its diagonal); SI units.
 
     `gravity` pulls down and `gravity_along` towards +y. The floor falls away towards +y by an angle whose cosine and sine are
-    given. A frame that yields vertically has `frame_mass` > 0 and is the coordinate behind the last link: its sinking, on a
-    spring with damping. The share `frame_on_sensor` of its mass stands between sensor and shaft: the sensor feels its inertia.
+    given. A frame that yields has `frame_mass` > 0 and is the coordinate behind the last link: its way along a line, on a
+    spring with damping. `frame_down` and `frame_aside` are cosine and sine of the line's lean from down towards y. The share
+    `frame_on_sensor` of its mass stands between sensor and shaft: the sensor feels its inertia.
     """
 
     length: Floats
@@ -55,6 +56,8 @@ class Chain(NamedTuple):
     frame_stiffness: float
     frame_damping: float
     frame_on_sensor: float
+    frame_down: float
+    frame_aside: float
 
 
 Weights = tuple[float, float, float]  # ca, cw, cq

@@ -76,6 +76,20 @@ def test_valley_and_forces_agree(effect):
     assert off[0] < 0.05 and off[1] < 0.05 and off[2] < 0.01
 
 
+@pytest.mark.slow
+def test_a_frame_that_sways_under_a_sensor_that_carries_a_part_of_it_agrees(monkeypatch):
+    """A motor of 0.8 kg above the sensor, on a frame of 20 Hz: its inertia is a part of what the sensor feels."""
+    swaying = {"frequency_Hz": 20.0, "moving_mass_kg": 2.0, "damping_ratio": 0.05, "lean_deg": 60.0, "mass_on_sensor_share": 0.4}
+    monkeypatch.setitem(VALUES, "frame_compliance", VALUES["frame_compliance"] | {"lean_deg": 60.0})
+    _, without, _ = both("frame_compliance")
+    monkeypatch.setitem(VALUES, "frame_compliance", swaying)
+    t, exam, model = both("frame_compliance")
+    pressed = t > 0.5
+    for mine, theirs, other in zip(exam[:2], model[:2], without[:2], strict=True):
+        assert np.sqrt(np.mean((mine - theirs)[pressed] ** 2)) < 0.05
+        assert np.abs(mine - other)[pressed].max() > 1.0
+
+
 def test_static_stages_agree():
     from rfca_rig.exam.experiment import HOLD_S, LOADING_RAD, MOVE_RAD_S, UNLOADING_RAD, static_table
     from rfca_rig.model.static_stages import StageMoves, static_stages

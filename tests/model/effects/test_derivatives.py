@@ -13,6 +13,7 @@ from tests.model.legs import PAPER
 
 WEIGHTS = (0.7, 0.02, 3e-3)
 FRAME = {"frame_compliance": {"frequency_Hz": 20.0, "moving_mass_kg": 0.5, "damping_ratio": 0.5}}
+SWAYS = {"frame_compliance": FRAME["frame_compliance"] | {"lean_deg": 60.0}}
 TILT = {"ground_tilt": {"slope": 0.1}}
 ADHESION = {"ground_adhesion": {"force_N": 200.0}}
 STRIBECK = {"ground_stribeck": {"rise_relative": 1.0, "speed_m_s": 0.3}}
@@ -66,6 +67,7 @@ def differenced(effects, weights):
         {"gravity_tilt": {"angle_rad": 0.1}} | STRIBECK,
         FRAME,
         FRAME | TILT,
+        SWAYS | TILT,
         FRAME | TILT | ADHESION | STRIBECK,
     ],
     ids=" ".join,

@@ -49,11 +49,13 @@ def test_a_frame_rings_down_at_its_frequency_and_damping(ratio):
     assert samples.force[:, 1] == pytest.approx(leg * (9.81 - accelerated), abs=2e-3)
 
 
-def test_a_frame_is_driven_by_just_what_the_sensor_feels():
-    m, rate, ratio = 0.5, 2 * np.pi * 12.0, 0.1
-    stroke = paper_stroke(FINE, frame_compliance={"frequency_Hz": 12.0, "moving_mass_kg": m, "damping_ratio": ratio})
+@pytest.mark.parametrize("lean_deg", [0.0, -50.0])
+def test_a_frame_is_driven_by_just_what_the_sensor_feels(lean_deg):
+    m, rate, ratio, cos, sin = 0.5, 2 * np.pi * 12.0, 0.1, np.cos(np.radians(lean_deg)), np.sin(np.radians(lean_deg))
+    effect = {"frequency_Hz": 12.0, "moving_mass_kg": m, "damping_ratio": ratio, "lean_deg": lean_deg}
+    stroke = paper_stroke(FINE, frame_compliance=effect)
     sunk = [0.0, 0.0]
-    traced, push = [], stroke.fz_N - 0.32 * 9.81
+    traced, push = [], (stroke.fz_N - 0.32 * 9.81) * cos - stroke.fy_N * sin
     h = T[1] - T[0]
     for k in range(1, len(T)):
         for part in range(20):  # semi-implicit Euler on a fine grid
@@ -64,10 +66,10 @@ def test_a_frame_is_driven_by_just_what_the_sensor_feels():
     y_dd, d_dd = momentum_rates(stroke)
     leg = 0.32 * np.gradient(np.gradient(np.array([0.0, *traced]), T), T)
     part = (T > 0.45) & (T < 0.9)
-    felt = 0.32 * 9.81 - stroke.normal_N.sum(axis=1) - d_dd - leg
+    felt = 0.32 * 9.81 - stroke.normal_N.sum(axis=1) - d_dd - leg * cos
     assert stroke.fz_N[part] == pytest.approx(felt[part], abs=0.15)
     assert np.abs(leg[part]).max() > 0.3
-    assert stroke.fy_N[part] == pytest.approx((y_dd - stroke.tangential_N.sum(axis=1))[part], abs=0.15)
+    assert stroke.fy_N[part] == pytest.approx((y_dd + leg * sin - stroke.tangential_N.sum(axis=1))[part], abs=0.15)
 
 
 def test_a_mass_at_the_tip_weighs_and_is_carried_along():

@@ -42,9 +42,8 @@ def test_the_neutral_shape_is_the_law_as_it_is_without_one(id_):
     assert shaped.fy_N.tobytes() == plain.fy_N.tobytes()
 
 
-@pytest.mark.parametrize("id_", SHAPED)
-def test_a_shape_a_little_off_neutral_moves_the_force_a_little_and_one_at_its_ends_runs(id_):
-    (parameter,) = catalogue()[id_].shape
+@pytest.mark.parametrize(("id_", "parameter"), [pytest.param(i, p, id=f"{i} {p.name}") for i in SHAPED for p in catalogue()[i].shape])
+def test_a_shape_a_little_off_neutral_moves_the_force_a_little_and_one_at_its_ends_runs(id_, parameter):
     near = parameter.neutral + 1e-6 * (parameter.high - parameter.low)
     plain = paper_stroke(FINE, **{id_: SMALL[id_]})
     shaped = paper_stroke(FINE, **{id_: SMALL[id_] | {parameter.name: near}})
