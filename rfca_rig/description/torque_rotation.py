@@ -94,7 +94,11 @@ def read_curve(path: Path) -> TorqueRotationSection:
     if missing:
         raise BadInput(f"{path}:1: column {missing[0]} is missing; a curve has angle_deg, torque_Nm and, if known, torque_std_Nm")
     places = {key: names.index(name) for name, key in COLUMNS.items() if name in names}
-    columns = {key: [_number(path, line, row, place) for line, row in enumerate(rows[1:], start=2)] for key, place in places.items()}
+    columns: dict[str, list[float]] = {
+        key: [_number(path, line, row, place) for line, row in enumerate(rows[1:], start=2)] for key, place in places.items()
+    }
+    if columns["angles_deg"] and columns["angles_deg"][0] > columns["angles_deg"][-1]:  # bent to the negative side, from rest on
+        columns = {key: values[::-1] for key, values in columns.items()}
     return checked(columns, TorqueRotationSection, str(path))
 
 

@@ -11,6 +11,7 @@ from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.believed import believed_model
 from rfca_rig.description.model_file import read_model_file, write_model
 from rfca_rig.description.rig_file import read_rig
+from rfca_rig.description.torque_rotation import read_curve, splines_of
 from rfca_rig.errors import BadInput
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.sweep.design import Design
@@ -50,6 +51,22 @@ def test_a_curve_in_a_csv_file_is_the_same_and_counts_from_the_files_folder(tmp_
     by_file = read(tmp_path, '\n[leg.torque_rotation]\ncurve = "measured.csv"\n')
     assert by_file.believed() == read(tmp_path).believed()
     assert by_file.known_to == read(tmp_path).known_to
+
+
+def test_a_curve_file_may_begin_at_rest_and_bend_to_the_negative_side(tmp_path):
+    back = CSV.replace("\n3.0, 0.58", "\n-3.0, -0.58").replace("\n8.0, 1.67", "\n-8.0, -1.67")
+    back = back.replace("\n14.0, 3.37", "\n-14.0, -3.37").replace("\n20.0, 5.80", "\n-20.0, -5.80")
+    (tmp_path / "measured.csv").write_text(back, encoding="utf-8")
+    leg = read(tmp_path, '\n[leg.torque_rotation]\ncurve = "measured.csv"\n').model().leg
+    assert bending_torque_Nm(leg, np.radians([-14.0, 3.0])) == pytest.approx([-3.37, 0.58])
+
+
+def test_the_example_is_a_curve(tmp_path):
+    curve = read_curve(Path("docs/examples/our-hinges.csv"))
+    k0, splines = splines_of(curve)
+    x = np.radians(curve.angles_deg)
+    assert k0 * np.array(splines[0].torques_rad)[1:] == pytest.approx(curve.torques_Nm)
+    assert curve.torques_Nm == pytest.approx(10.98 * (x + 4.56 * x**3), rel=0.02)
 
 
 def test_rig_file_and_campaign_take_it(tmp_path):
