@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.hinge_springs import polynomial_springs
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 
 Floats = NDArray[np.float64]
@@ -93,7 +94,8 @@ def _joint_xml(rig: RigModel, i: int) -> str:
         return f'armature="{FLYWHEEL_KG_M2!r}"'
     leg = rig.leg
     rest = f' springref="{leg.rest_angles_rad[i - 1]!r}"' if leg.rest_angles_rad else ""
-    return f'stiffness="{leg.k0_Nm_per_rad!r} 0 {leg.k0_Nm_per_rad * leg.k2_per_rad2!r}" damping="{leg.hinge_damping_Nm_s_per_rad!r}"{rest}'
+    first, second, third = polynomial_springs(leg, "MuJoCo")
+    return f'stiffness="{first!r} {second:g} {third!r}" damping="{leg.hinge_damping_Nm_s_per_rad!r}"{rest}'
 
 
 def _pair_xml(i: int, mu: float) -> str:

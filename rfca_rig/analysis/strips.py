@@ -18,6 +18,7 @@ from rfca_rig.analysis.prediction import predict_stroke
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.equivalent_stiffness import EncasedStrip, by_its_middle, centred_lay
+from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.model.parameters import Leg, RigModel
 from rfca_rig.model.strip import Material, Strip, paper_strips, table_1_materials
 from rfca_rig.progress import Watcher, counted, unwatched
@@ -184,7 +185,7 @@ def _stroke(rig: RigModel, height_m: float, speed_rad_s: float) -> StrokeWith:
     except SimulationFailed as error:
         return StrokeWith(None, None, str(error).split(";")[0], None, None)
     angle = float(np.abs(np.diff(stroke.q_rad, axis=1)).max())
-    torque = rig.leg.k0_Nm_per_rad * (angle + rig.leg.k2_per_rad2 * angle**3)
+    torque = float(bending_torque_Nm(rig.leg, np.array(angle)))
     if stroke.normal_N[0].any():
         return StrokeWith(None, None, "the leg lies on the ground before it starts", angle, torque)
     valley = find_valley(stroke.t_s, stroke.fz_N)

@@ -12,6 +12,7 @@ from rfca_rig.campaign.layout import FILE_NAME, FORMAT, CampaignFile, DynamicRun
 from rfca_rig.campaign.static import Extra, read_stages
 from rfca_rig.description.sections import RigSections
 from rfca_rig.description.toml import place_of, read_text, read_toml
+from rfca_rig.description.torque_rotation import with_curve_read
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import Watcher, counted, unwatched
 from rfca_rig.recording.form import Recording, StaticStage, Stroke
@@ -25,7 +26,7 @@ def read_campaign(folder: Path, told: Watcher = unwatched) -> Recording:
     path = folder / FILE_NAME
     if not path.is_file():
         raise BadInput(f"{path}: is not there; a campaign is a folder with {FILE_NAME} and CSV files")
-    campaign = read_toml(path, CampaignFile)
+    campaign = with_curve_read(read_toml(path, CampaignFile), folder)
     _check_files(folder, campaign)
     _check_conditions(path, campaign)
     static, extra = _stages(folder, campaign)

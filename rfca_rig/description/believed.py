@@ -6,7 +6,8 @@ from typing import Any
 
 from rfca_rig.description.sections import DriveSection, GroundSection, LegSection, RigSections, SensorSection
 from rfca_rig.description.toml import checked
-from rfca_rig.model.parameters import Drive, Ground, Leg, RigModel, SensorMount
+from rfca_rig.description.torque_rotation import splines_of
+from rfca_rig.model.parameters import Drive, Ground, Leg, RigModel, SensorMount, TorqueSpline
 
 
 def believed_model(sections: Mapping[str, Any]) -> RigModel:
@@ -25,15 +26,24 @@ def model_of(sections: RigSections) -> RigModel:
 
 
 def _leg(leg: LegSection) -> Leg:
+    if leg.torque_rotation is None:
+        assert leg.k0_Nm_per_rad is not None
+        assert leg.k2_per_rad2 is not None
+        k0_Nm_per_rad, k2_per_rad2 = leg.k0_Nm_per_rad, leg.k2_per_rad2
+        splines: tuple[TorqueSpline, ...] = ()
+    else:
+        k2_per_rad2 = 0.0
+        k0_Nm_per_rad, splines = splines_of(leg.torque_rotation)
     return Leg(
         link_lengths_m=tuple(length_mm / 1e3 for length_mm in leg.link_lengths_mm),
         link_masses_kg=tuple(mass_g / 1e3 for mass_g in leg.link_masses_g),
         link_radius_m=leg.link_radius_mm / 1e3,
-        k0_Nm_per_rad=leg.k0_Nm_per_rad,
-        k2_per_rad2=leg.k2_per_rad2,
+        k0_Nm_per_rad=k0_Nm_per_rad,
+        k2_per_rad2=k2_per_rad2,
         hinge_damping_Nm_s_per_rad=leg.hinge_damping_Nm_s_per_rad,
         start_angle_rad=leg.start_angle_rad,
         rest_angles_rad=tuple(map(math.radians, leg.rest_angles_deg or ())),
+        torque_splines=splines,
     )
 
 

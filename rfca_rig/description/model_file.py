@@ -9,6 +9,7 @@ from rfca_rig.description.believed import model_of
 from rfca_rig.description.sections import KnownToSection, RigSections
 from rfca_rig.description.toml import read_toml
 from rfca_rig.description.toml_writing import comment, table, written
+from rfca_rig.description.torque_rotation import with_curve_read
 from rfca_rig.model.parameters import LawTable, RigModel
 from rfca_rig.recording.atomic import write_atomically
 
@@ -42,7 +43,7 @@ class FoundEffect:
 
 def read_model_file(path: Path) -> ModelFile:
     """The model in `path`; BadInput, with file and line, where it cannot be used."""
-    return read_toml(path, ModelFile)
+    return with_curve_read(read_toml(path, ModelFile), path.parent)
 
 
 def write_model(
@@ -54,7 +55,11 @@ def write_model(
     `found` come behind those. Raises RigError where the disk refuses.
     """
     believed = [_believed(effect) for effect in sections.get("effects", ())]
-    tables = [table(name, keys) for name, keys in {**{name: sections[name] for name in SECTIONS}, "known_to": known_to}.items()]
+    curve = sections["leg"].get("torque_rotation")
+    leg = {key: value for key, value in sections["leg"].items() if key != "torque_rotation"}
+    curves = {} if curve is None else {"leg.torque_rotation": curve}
+    named = {"leg": leg, **curves, **{name: sections[name] for name in SECTIONS if name != "leg"}, "known_to": known_to}
+    tables = [table(name, keys) for name, keys in named.items()]
     parts = ["".join(comment(line) for line in comments), *tables, *(_effect(effect) for effect in (*believed, *found))]
     write_atomically(path, "\n".join(parts).encode("utf-8"))
 

@@ -24,6 +24,7 @@ from rfca_rig.description.sections import (
     SensorSection,
 )
 from rfca_rig.description.toml import model_of, read_text
+from rfca_rig.description.torque_rotation import with_curve_read
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.protocol.experiments import RigFacts
@@ -189,7 +190,8 @@ class RigFile(Section):
 def read_rig(path: Path) -> RigFile:
     """The rig described in `path`; BadInput, with file and line, where it cannot be used."""
     text = read_text(path)
-    return _with_files_beside(path.parent, _with_own_devices(text, path, model_of(text, RigFile, path)))
+    rig = with_curve_read(model_of(text, RigFile, path), path.parent)
+    return _with_files_beside(path.parent, _with_own_devices(text, path, rig))
 
 
 def _with_own_devices(text: str, path: Path, rig: RigFile) -> RigFile:

@@ -3,6 +3,7 @@
 Every key carries its unit; numbers must be finite; an unknown key is refused. Units are turned into SI in `believed`.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -12,14 +13,18 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import LawTable, PresentEffect
 from rfca_rig.model.setup import resolved
 from rfca_rig.model.tabulated_law import TABULATED_LAW
+from rfca_rig.model.torque_spline import knots_from
 
 _TABLE_KEYS = ("place", "argument", "knots", "values")
 HINGE_LAW = "k0*phi + k0*k2*phi**3"
+LAW_KEYS = ("hinge_torque_Nm", "k0_Nm_per_rad", "k2_per_rad2")
+SOFTEST_K2 = -4.0 / (3.0 * math.pi**2)  # the torque's slope 1 + 3 k2 phi^2 is 0 at 90 degrees
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 PositiveList = Annotated[tuple[Positive, ...], Field(strict=False, min_length=1)]
 Numbers = Annotated[tuple[float, ...], Field(strict=False)]
+Rows = Annotated[tuple[Numbers, ...], Field(strict=False, min_length=1)]
 
 
 class Section(BaseModel):
@@ -28,10 +33,66 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class LegSection(Section):
-    """[leg]: straight links from the shaft outwards, one torsion spring per hinge, all hinges alike.
+class TorqueRotationSection(Section):
+    """[leg.torque_rotation]: a measured curve of torque over the angle from rest, in place of k0 and k2; see `torque_rotation`.
 
-    `hinge_torque_Nm` states the only law that the model knows, so that a file written for another law is refused.
+    `torques_Nm` is one curve for all hinges, `torques_by_hinge_Nm` has one for each. Standard deviations or a covariance are those of
+    `torques_Nm`. `curve` names a CSV file in their place.
+    """
+
+    angles_deg: Numbers | None = None
+    torques_Nm: Numbers | None = None
+    torques_by_hinge_Nm: Rows | None = None
+    standard_deviations_Nm: Annotated[tuple[NotNegative, ...], Field(strict=False)] | None = None
+    covariance_Nm2: Rows | None = None
+    curve: str | None = None
+
+    @model_validator(mode="after")
+    def _is_one_curve(self) -> "TorqueRotationSection":
+        if self.curve is not None:
+            given = [key for key in type(self).model_fields if key != "curve" and getattr(self, key) is not None]
+            if given:
+                raise ValueError(f"curve names a file, so {given[0]} must be left out")
+            return self
+        if self.angles_deg is None or (self.torques_Nm is None) == (self.torques_by_hinge_Nm is None):
+            raise ValueError("takes angles_deg with either torques_Nm or torques_by_hinge_Nm, or curve = a CSV file")
+        try:
+            self.knots()
+        except BadInput as error:
+            raise ValueError(str(error)) from None
+        return self
+
+    @model_validator(mode="after")
+    def _errors_fit(self) -> "TorqueRotationSection":
+        std, covariance, angles = self.standard_deviations_Nm, self.covariance_Nm2, len(self.angles_deg or ())
+        if (std is not None or covariance is not None) and self.torques_Nm is None:
+            raise ValueError("standard_deviations_Nm and covariance_Nm2 belong to torques_Nm, one curve for all hinges")
+        if std is not None and covariance is not None:
+            raise ValueError("give standard_deviations_Nm or covariance_Nm2, not both")
+        if std is not None and len(std) != angles:
+            raise ValueError(f"{angles} angles, but {len(std)} standard_deviations_Nm; give one per angle")
+        if covariance is not None:
+            if {len(covariance), *map(len, covariance)} != {angles}:
+                raise ValueError(f"covariance_Nm2 must have {angles} rows of {angles} numbers, one for each angle")
+            if min(row[i] for i, row in enumerate(covariance)) < 0.0:
+                raise ValueError("covariance_Nm2 has a negative number on its diagonal, which holds the variances")
+        return self
+
+    def knots(self) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+        """Angles [rad] and torques [N m] of the one curve, or of each hinge. Raises BadInput for what is no curve."""
+        if self.angles_deg is None:
+            raise BadInput(f"the curve {self.curve} is in a file of its own, which has not been read")
+        if self.torques_by_hinge_Nm is None:
+            return [knots_from(self.angles_deg, self.torques_Nm or (), "this curve")]
+        each = enumerate(self.torques_by_hinge_Nm, start=2)
+        return [knots_from(self.angles_deg, torques, f"the curve of hinge {hinge}") for hinge, torques in each]
+
+
+class LegSection(Section):
+    """[leg]: straight links from the shaft outwards, one torsion spring per hinge, all hinges alike unless their curves differ.
+
+    `hinge_torque_Nm` states the law of the springs, so that a file written for another law is refused; it, k0 and k2 are left out where
+    `torque_rotation` holds a measured curve. A negative k2 softens; the torque must grow up to 90 degrees.
     `start_angle_rad` is where a stroke begins, measured from the horizontal, positive downwards. `rest_angles_deg` are the angles of hinges
     2, 3 .. without load, from which phi counts; without the key the leg is straight.
     """
@@ -39,25 +100,52 @@ class LegSection(Section):
     link_lengths_mm: PositiveList
     link_masses_g: PositiveList
     link_radius_mm: Positive
-    hinge_torque_Nm: str
-    k0_Nm_per_rad: Positive
-    k2_per_rad2: NotNegative
+    hinge_torque_Nm: str | None
+    k0_Nm_per_rad: Positive | None
+    k2_per_rad2: float | None
     hinge_damping_Nm_s_per_rad: NotNegative
     start_angle_rad: Annotated[float, Field(ge=-3.1416, le=3.1416)]
     rest_angles_deg: Annotated[tuple[Annotated[float, Field(ge=-45, le=45)], ...], Field(strict=False)] | None = None
+    torque_rotation: TorqueRotationSection | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _law_or_curve(cls, data: Any) -> Any:
+        """A curve takes the place of three keys; without it they are missing where they are not given."""
+        if not isinstance(data, Mapping) or data.get("torque_rotation") is None:
+            return data
+        given = [key for key in LAW_KEYS if data.get(key) is not None]
+        if given:
+            raise ValueError(f"torque_rotation takes the place of {', '.join(LAW_KEYS)}; leave out {given[0]}")
+        return {**data, **dict.fromkeys(LAW_KEYS)}
 
     @field_validator("hinge_torque_Nm")
     @classmethod
-    def _known_law(cls, law: str) -> str:
-        if "".join(law.split()) != "".join(HINGE_LAW.split()):
+    def _known_law(cls, law: str | None) -> str | None:
+        if law is not None and "".join(law.split()) != "".join(HINGE_LAW.split()):
             raise ValueError(f'the only law known is "{HINGE_LAW}" (phi in rad)')
         return law
+
+    @field_validator("k2_per_rad2")
+    @classmethod
+    def _grows(cls, k2: float | None) -> float | None:
+        if k2 is not None and k2 < SOFTEST_K2:
+            raise ValueError(f"below {SOFTEST_K2:.3f} the torque falls before 90 degrees; give a curve in [leg.torque_rotation]")
+        return k2
 
     @model_validator(mode="after")
     def _as_many_masses_as_lengths(self) -> "LegSection":
         lengths, masses = len(self.link_lengths_mm), len(self.link_masses_g)
         if lengths != masses:
             raise ValueError(f"link_lengths_mm names {lengths} links and link_masses_g {masses}; give one mass per length")
+        return self
+
+    @model_validator(mode="after")
+    def _a_curve_per_hinge(self) -> "LegSection":
+        hinges = len(self.link_lengths_mm) - 1
+        each = None if self.torque_rotation is None else self.torque_rotation.torques_by_hinge_Nm
+        if each is not None and len(each) != hinges:
+            raise ValueError(f"torque_rotation.torques_by_hinge_Nm has {len(each)} curves, and the leg {hinges} hinges; give one per hinge")
         return self
 
     @model_validator(mode="after")
@@ -123,8 +211,9 @@ class DriveSection(Section):
 class KnownToSection(Section):
     """[known_to]: one standard deviation of each believed value. A fit may move these; what is not listed counts as exact.
 
-    `_relative` is a share of the believed value, 0.03 for 3 %. What hardly anybody measures, from `presliding_relative` on, is moved by a
-    diagnosis in any case, with a usual standard deviation where none is listed here; 0 makes it exact.
+    `_relative` is a share of the believed value, 0.03 for 3 %; `k0_relative` is that of a factor on the curve where the leg has one. What
+    hardly anybody measures, from `presliding_relative` on, is moved by a diagnosis in any case, with a usual standard deviation where none
+    is listed here; 0 makes it exact.
     """
 
     height_mm: Positive | None = None
@@ -132,6 +221,7 @@ class KnownToSection(Section):
     friction_coefficient: Positive | None = None
     k0_relative: Positive | None = None
     k2_relative: Positive | None = None
+    rest_angle_deg: Positive | None = None
     mass_relative: Positive | None = None
     hinge_damping_relative: Positive | None = None
     contact_stiffness_relative: Positive | None = None

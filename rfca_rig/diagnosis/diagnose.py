@@ -173,7 +173,8 @@ def _candidates(body: PreparedData) -> list[Effect]:
     believed = {present.id for present in body.rig.effects}
     judged_apart = SEEN_ON_THE_SHAFT if body.shafts else ()
     known = [effect for effect in catalogue().values() if effect.where != OF_PENDULUMS]
-    return [effect for effect in known if effect.id not in believed and effect.id not in judged_apart]
+    has_curve = bool(body.rig.leg.torque_splines)
+    return [e for e in known if e.id not in believed and e.id not in judged_apart and not (e.needs_k2 and has_curve)]
 
 
 def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence[Effect], progress: Progress) -> ModelSelectionResult:

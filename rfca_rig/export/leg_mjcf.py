@@ -158,8 +158,7 @@ def _left_out(rig: RigModel, recordings: Sequence[Recording], prepared: Prepared
         said.append("the lever of friction: it acts at the lowest point of each end")
     if ground.leaving_damping_share != 1.0:
         said.append("the other damping of an end that leaves")
-    if prepared.known_to.get("k2_relative"):
-        said.append("k2_relative of [known_to]")
+    said += [f"{key} of [known_to]" for key in ("k2_relative", "rest_angle_deg") if prepared.known_to.get(key)]
     return [*said, *prepared.remarks]
 
 

@@ -4,6 +4,7 @@ Plane of motion y-z, angles positive downwards from +y. The force sensor stands 
 its z axis down.
 """
 
+from rfca_rig.model.hinge_springs import polynomial_springs
 from rfca_rig.model.parameters import GRAVITY_M_S2, Leg, RigModel
 
 RACK, SHAFT, FLOOR, SENSOR = "rack", "shaft", "floor", "mount"
@@ -55,7 +56,8 @@ def _link(rig: RigModel, i: int, further: str) -> str:
     name = SHAFT if i == 0 else hinge_names(leg)[i - 1]
     spring, at = "", leg.link_lengths_m[i - 1] if i else 0.0
     if i:
-        stiffness = f"{leg.k0_Nm_per_rad!r} 0 {leg.k0_Nm_per_rad * leg.k2_per_rad2!r}"
+        first, second, third = polynomial_springs(leg, "a mechanism of MuJoCo")
+        stiffness = f"{first!r} {second:g} {third!r}"
         spring = f' stiffness="{stiffness}" damping="{leg.hinge_damping_Nm_s_per_rad!r}"'
         if leg.rest_angles_rad:
             spring += f' springref="{leg.rest_angles_rad[i - 1]!r}"'

@@ -14,6 +14,7 @@ from rfca_rig.model.laws import TABLE, LawUse, address_of, address_of_advance
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Chain, Laws, Samples, Shaft, State
+from rfca_rig.model.torque_spline import table_of
 
 Floats = NDArray[np.float64]
 
@@ -47,11 +48,14 @@ def chain_of(rig: RigModel, height_m: float) -> Chain:
     """The chain of `rig` with its shaft `height_m` above the ground."""
     leg, ground = rig.leg, rig.ground
     length, first_moment, moment = (array.copy() for array in _inertia(leg.link_lengths_m, leg.link_masses_kg))
+    springs = table_of(leg.torque_splines, length.size)
     return Chain(
         length=length,
         first_moment=first_moment,
         k0=np.full(length.size, leg.k0_Nm_per_rad),
         k2=np.full(length.size, leg.k2_per_rad2),
+        spring_origin=springs.origin,
+        spring_cubic=springs.cubic,
         hinge_damping=np.full(length.size, leg.hinge_damping_Nm_s_per_rad),
         rest=np.array([0.0, *(leg.rest_angles_rad or np.zeros(length.size - 1))]),
         moment=moment,

@@ -54,6 +54,7 @@ class Effect:
     `same_as` names the believed value, as `fit` calls it, that does exactly the same where it is wrong: only how well that is known tells
     the two apart.
     `variant_of` names the most general effect of which this one is a special case, as dry friction is of Stribeck's.
+    `needs_k2`: its law is written in k0 and k2 of the spring, so that it has no meaning in a leg with a measured curve.
     """
 
     id: str
@@ -67,6 +68,7 @@ class Effect:
     same_as: str = ""
     shape: tuple[Parameter, ...] = ()
     variant_of: str = ""
+    needs_k2: bool = False
 
     def __post_init__(self) -> None:
         for parameter in self.shape:

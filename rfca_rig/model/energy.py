@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.model.state import Chain
+from rfca_rig.model.torque_spline import SplineTable
 
 Floats = NDArray[np.float64]
 
@@ -28,8 +29,11 @@ def height_J(chain: Chain, q_rad: Floats) -> Floats:
 
 
 def springs_J(chain: Chain, q_rad: Floats) -> Floats:
-    """k0 phi^2 / 2 + k0 k2 phi^4 / 4 of every hinge."""
-    phi2 = (np.diff(q_rad, axis=1) - chain.rest[1:]) ** 2
+    """k0 phi^2 / 2 + k0 k2 phi^4 / 4 of every hinge, or the integral of its spline."""
+    phi = np.diff(q_rad, axis=1) - chain.rest[1:]
+    if chain.spring_origin.size:
+        return np.asarray(SplineTable(chain.spring_origin[1:], chain.spring_cubic[1:]).energy(phi) @ chain.k0[1:])
+    phi2 = phi**2
     return np.asarray((phi2 * (0.5 + 0.25 * chain.k2[1:] * phi2)) @ chain.k0[1:])
 
 

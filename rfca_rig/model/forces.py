@@ -7,6 +7,7 @@ from rfca_rig.model.compiled import inlined
 from rfca_rig.model.contact import add_contacts, add_contacts_with_effects, locate_ends
 from rfca_rig.model.laws import HINGE, LINK, ROTOR
 from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
+from rfca_rig.model.torque_spline import spring
 
 TWO_OVER_PI = 2.0 / np.pi
 RIGHT_ANGLE_HIGH, RIGHT_ANGLE_LOW = 1.5707963267341256, 6.077100506506192e-11  # the first has 33 bits: products with it are exact
@@ -104,7 +105,7 @@ def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | 
 
 @inlined
 def add_weight_and_hinges(chain: Chain, q: Floats, w: Floats, weights: Weights | None, work: Work) -> None:
-    """Weight of the links, and in each hinge k0 phi + k0 k2 phi^3 + c dphi/dt, phi from the angle at rest."""
+    """Weight of the links, and in each hinge its spring + c dphi/dt, phi from the angle at rest."""
     R, J = work.R, work.J
     for i in range(chain.length.size):
         weight, aside = chain.gravity * chain.first_moment[i], chain.gravity_along * chain.first_moment[i]
@@ -112,12 +113,13 @@ def add_weight_and_hinges(chain: Chain, q: Floats, w: Floats, weights: Weights |
         if weights is not None:
             J[i, i] += weights[2] * (weight * work.sin[i] + aside * work.cos[i])
     for i in range(1, chain.length.size):
-        phi, k0, k2, c = q[i] - q[i - 1] - chain.rest[i], chain.k0[i], chain.k2[i], chain.hinge_damping[i]
-        torque = k0 * phi * (1.0 + k2 * phi * phi) + c * (w[i] - w[i - 1])
+        bent, slope = spring(chain, i, q[i] - q[i - 1] - chain.rest[i])
+        k0, c = chain.k0[i], chain.hinge_damping[i]
+        torque = bent + c * (w[i] - w[i - 1])
         R[i] += torque
         R[i - 1] -= torque
         if weights is not None:
-            add_hinge_slope(i, weights[2] * k0 * (1.0 + 3.0 * k2 * phi * phi) + weights[1] * c, J)
+            add_hinge_slope(i, weights[2] * k0 * slope + weights[1] * c, J)
 
 
 @inlined
@@ -254,8 +256,8 @@ def add_shaft_row(chain: Chain, q: Floats, w: Floats, a: Floats, work: Work) -> 
         c, s = cos[0] * cos[j] + sin[0] * sin[j], sin[0] * cos[j] - cos[0] * sin[j]
         torque += chain.moment[0, j] * (c * a[j] + s * w[j] * w[j])
     if chain.length.size > 1:
-        phi = q[1] - q[0] - chain.rest[1]
-        torque -= chain.k0[1] * phi * (1.0 + chain.k2[1] * phi * phi) + chain.hinge_damping[1] * (w[1] - w[0])
+        bent, _ = spring(chain, 1, q[1] - q[0] - chain.rest[1])
+        torque -= bent + chain.hinge_damping[1] * (w[1] - w[0])
     R[0] = torque
 
 

@@ -6,11 +6,29 @@ GRAVITY_M_S2 = 9.81
 
 
 @dataclass(frozen=True)
+class TorqueSpline:
+    """A measured torque over the angle of a hinge from rest, (0, 0) among its knots; see `torque_spline`.
+
+    `torques_rad` are divided by k0 of the leg, so that k0 scales the curve. Angles that begin at 0 hold for both sides.
+    """
+
+    angles_rad: tuple[float, ...]
+    torques_rad: tuple[float, ...]
+
+    def scaled(self, angle: float, torque: float) -> "TorqueSpline":
+        """The same with its angles and torques multiplied."""
+        return TorqueSpline(tuple(angle * each for each in self.angles_rad), tuple(torque * each for each in self.torques_rad))
+
+
+@dataclass(frozen=True)
 class Leg:
     """A chain of straight uniform links; hinge torque k0 phi + k0 k2 phi^3 + c dphi/dt (paper-style hardening spring).
 
     `start_angle_rad` is where a stroke begins, measured from the horizontal, positive downwards. `rest_angles_rad` are the angles of the
     hinges without load, phi_i0 of eq. (12), from which phi counts; without them the leg is straight.
+
+    `torque_splines`, one for all hinges or one for each, take the place of k0 phi + k0 k2 phi^3: the torque is then k0 times the spline, k0
+    is the stiffness at rest (the mean of all hinges), and k2 is 0 and means nothing.
     """
 
     link_lengths_m: tuple[float, ...]
@@ -21,6 +39,7 @@ class Leg:
     hinge_damping_Nm_s_per_rad: float
     start_angle_rad: float
     rest_angles_rad: tuple[float, ...] = ()
+    torque_splines: tuple[TorqueSpline, ...] = ()
 
 
 @dataclass(frozen=True)

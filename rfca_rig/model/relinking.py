@@ -7,8 +7,9 @@ of length p / m has
 
     T'(phi) = M(m phi / p) = T(m phi):     k0' = m k0,   k2' = m^2 k2,   c' = m c
 
-m such springs in series, each turning by phi / m, carry the torque of one that turns by phi: the series of springs. With ever more links
-the leg becomes a beam of bending stiffness k0 p with rigid ends, and differs from it by terms in p^2.
+and a measured curve has its angles divided by m at the same torques. m such springs in series, each turning by phi / m, carry the torque
+of one that turns by phi: the series of springs. With ever more links the leg becomes a beam of bending stiffness k0 p with rigid ends, and
+differs from it by terms in p^2.
 
 Over what length the strip bends is taken from the leg itself: its hinges' cells, those at the ends reaching as far outwards as inwards.
 That stretch stays where it is in the leg, and is shared out equally among the new hinges. What effects have per hinge stays as it is.
@@ -75,6 +76,8 @@ def _recut(leg: Leg, lengths_m: Floats, m: float) -> Leg:
     """Other links with the same mass in the same places, and springs for `m` times as many cells in a length."""
     if any(leg.rest_angles_rad):
         raise BadInput("leg.rest_angles_deg: a leg that is bent at rest cannot be cut into other links; leave the rest angles out")
+    if len(leg.torque_splines) > 1:
+        raise BadInput("leg.torque_rotation: a leg with a curve for each hinge cannot be cut into other links; give one curve for all")
     old, new = np.cumsum((0.0, *leg.link_lengths_m)), np.concatenate(([0.0], np.cumsum(lengths_m)))
     masses = np.diff(np.interp(new, old, np.cumsum((0.0, *leg.link_masses_kg))))
     return replace(
@@ -83,5 +86,6 @@ def _recut(leg: Leg, lengths_m: Floats, m: float) -> Leg:
         link_masses_kg=tuple(map(float, masses)),
         k0_Nm_per_rad=m * leg.k0_Nm_per_rad,
         k2_per_rad2=m**2 * leg.k2_per_rad2,
+        torque_splines=tuple(spline.scaled(1.0 / m, 1.0 / m) for spline in leg.torque_splines),
         hinge_damping_Nm_s_per_rad=m * leg.hinge_damping_Nm_s_per_rad,
     )

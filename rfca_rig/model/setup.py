@@ -145,10 +145,18 @@ def softened(shaft: Shaft, drive: SoftDrive, start_rad: float) -> Shaft:
 
 
 def set_up(rig: RigModel, height_m: float, motion: ShaftMotion) -> Setup:
-    """The setup of a rig with all its effects in it. Raises BadInput for an effect that is not in the catalogue."""
+    """The setup of a rig with all its effects in it.
+
+    Raises BadInput for an effect that is not in the catalogue, and for one whose law needs k2 where the hinges follow a measured curve.
+    """
     setup = Setup(rig, height_m, motion)
     for present in rig.effects:
         effect, values = resolved(present)
+        if effect.needs_k2 and rig.leg.torque_splines:
+            raise BadInput(
+                f"effect {effect.id}: its law is written in k0 and k2, and the hinges of this leg follow a measured curve "
+                "(leg.torque_rotation); leave out one of them"
+            )
         setup = effect.apply(setup, values)
     return setup
 

@@ -24,6 +24,9 @@ Integers = NDArray[np.int64]
 class Chain(NamedTuple):
     """Leg and ground. Arrays (n,) per link, `moment` (n, n) couples the links (inertia on its diagonal); SI units.
 
+    `spring_origin` (n, p) and `spring_cubic` (n, p, 5) hold the measured curves of the hinges, p = 0 where these follow k0 and k2; see
+    `torque_spline`.
+
     `gravity` pulls down and `gravity_along` towards +y. The floor falls away towards +y by an angle whose cosine and sine are
     given. A frame that yields has `frame_mass` > 0 and is the coordinate behind the last link: its way along a line, on a
     spring with damping. `frame_down` and `frame_aside` are cosine and sine of the line's lean from down towards y. The share
@@ -34,6 +37,8 @@ class Chain(NamedTuple):
     first_moment: Floats
     k0: Floats
     k2: Floats
+    spring_origin: Floats
+    spring_cubic: Floats
     hinge_damping: Floats
     rest: Floats
     moment: Floats

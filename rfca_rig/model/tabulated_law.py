@@ -156,6 +156,11 @@ def _use(place: int, law: Law, table: LawTable, only: int = -1) -> LawUse:
 
 def _in_hinges(law: Law, first: int, setup: "Setup", table: LawTable) -> "Setup":
     """`first` is the number of the first hinge as people count them: 2 behind the shaft of a leg, 1 for a pendulum's joint."""
+    if table.argument == "spring_torque_Nm" and setup.rig.leg.torque_splines:
+        raise BadInput(
+            f"{TABULATED_LAW}: a law of {table.argument} is computed from k0 and k2, and the hinges of this leg follow a measured curve "
+            "(leg.torque_rotation); take the argument angle_rad"
+        )
     number, last = table.place.lstrip("hingejot"), len(setup.rig.leg.link_lengths_m) - 2 + first
     if number.isdecimal() and not first <= int(number) <= last:
         raise BadInput(f"{TABULATED_LAW}: {table.place} is not there; this rig has {first} to {last}")

@@ -88,6 +88,7 @@ def summary(result: StaticResult) -> dict[str, Any]:
             "holds": form.holds, "chance": float(f"{form.chance:.3g}"), "apart_Nm": _rounded(form.apart_Nm, 5),
             "apart_relative": _rounded(form.apart_relative, 5), "at_deg": _rounded(np.degrees(form.at_rad), 3),
         },
+        "rest_angles": _rests(result),
         "loop": None if loop is None else {"half_Nm": _rounded(loop.half_Nm, 6), "std_Nm": _rounded(loop.std_Nm, 6), "seen": loop.seen},
         "noise": {
             "hinge_deg": _rounded(np.degrees(errors.hinge_std_rad), 4) if (result.data.unstated & result.data.seen).any() else None,
@@ -96,6 +97,19 @@ def summary(result: StaticResult) -> dict[str, Any]:
         },
         "remarks": remarks(result),
     }  # fmt: skip
+
+
+def _rests(result: StaticResult) -> dict[str, Any] | None:
+    """Beside the law, or beside the measured curve where the law does not hold; null where they count as exact."""
+    rests = result.rests[0 if result.form.holds else 1]
+    if rests is None:
+        return None
+    return {
+        "deg": [_rounded(each, 4) for each in np.degrees(rests.rest_rad)],
+        "std_deg": [_rounded(each, 4) for each in np.degrees(rests.std_rad)],
+        "mean_std_deg": _rounded(np.degrees(rests.common_std_rad), 4),
+        "correlation_with_stiffness": _rounded(rests.with_stiffness, 4),
+    }
 
 
 def _value(value: float, std: float, reach: float) -> dict[str, Any]:

@@ -52,6 +52,8 @@ def page(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequen
         several=len(sources) > 1,
         model=f"the model in {told.model_file}" if told.model_file else "the model as it was believed",
         has_model="model.toml" in files,
+        has_curve="model-curve.toml" in files,
+        rest_sentence_of_hinges=_rest_angles(result),
         law_holds=result.form.holds,
         dashes={name: " ".join(f"{2.2 * part:g}" for part in pattern) for name, (_, pattern) in DASHES.items()},
     )
@@ -106,6 +108,17 @@ def _rest_sentence(result: StaticResult) -> str:
             f"{abs(100 * form.apart_relative):.2g} % of the largest torque."
         )
     return unbroken(f"χ² is lower by {form.gain:.0f} for the {form.more} more numbers of the splines.")
+
+
+def _rest_angles(result: StaticResult) -> str:
+    """Those beside the law, or beside the measured curve where it does not hold."""
+    rests = result.rests[0 if result.form.holds else 1]
+    if rests is None:
+        return "The rest angles count as exact. State how well they are known as rest_angle_deg in [known_to] to have them found."
+    return unbroken(
+        f"The rest angles were found together with the curve; their mean is known to {np.degrees(rests.common_std_rad):.3f}° and its error "
+        f"is correlated by {rests.with_stiffness:+.2f} with that of the stiffness at rest."
+    )
 
 
 def _loop(result: StaticResult) -> str:

@@ -1,4 +1,4 @@
-"""Writes the report of static stages: static.html, tables as CSV and LaTeX, static.json, and model.toml where the law can hold."""
+"""Writes the report of static stages: static.html, tables as CSV and LaTeX, static.json, and the models with law and curve."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -6,7 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.analysis.torque_rotation.calibration_file import can_be_written, write_calibration
+from rfca_rig.analysis.torque_rotation.calibration_file import (
+    can_be_written,
+    can_curve_be_written,
+    write_calibration,
+    write_curve,
+)
 from rfca_rig.analysis.torque_rotation.elastica_curves import foretold
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.report.files import table_files, write_all
@@ -17,7 +22,7 @@ from rfca_rig.report.static_source import StaticSource
 from rfca_rig.report.static_tables import curve_table, hinges_table, values_table, whole_curve
 from rfca_rig.report.table_files import as_csv
 
-MODEL_NAME = "model.toml"
+MODEL_NAME, CURVE_NAME = "model.toml", "model-curve.toml"
 FARTHEST_RAD = float(np.radians(85.0))  # the elastica's grooves meet at 90 degrees
 
 
@@ -36,7 +41,7 @@ def write_static_report(
     """
     most_rad = min(max(abs(angle) for angle in result.curve.range_rad), FARTHEST_RAD)
     elastica = foretold(result.rig.leg, result.values.k0_Nm_per_rad, most_rad)
-    has_model = can_be_written(result)
+    writers = {MODEL_NAME: (can_be_written(result), write_calibration), CURVE_NAME: (can_curve_be_written(result), write_curve)}
     told = Told(origin or untold([source.recording for source in sources]), (), model_file)
     curve = curve_table(result.curve, int(result.data.seen.sum()))
     contents = {
@@ -45,10 +50,11 @@ def write_static_report(
         "stages.csv": as_csv(stages_table(result, sources)),
         "static.json": static_json(result, sources, elastica),
     }
-    beside = (*contents, MODEL_NAME) if has_model else tuple(contents)
+    beside = (*contents, *(name for name, (is_possible, _) in writers.items() if is_possible))
     write_all(out, {"static.html": page(result, sources, elastica, told, beside), **contents})
-    if has_model:
-        named = [f"{source.name} ({source.recording.source})" for source in sources]
-        write_calibration(out / MODEL_NAME, result, believed, known_to, named)
-    else:
-        (out / MODEL_NAME).unlink(missing_ok=True)
+    named = [f"{source.name} ({source.recording.source})" for source in sources]
+    for name, (is_possible, write) in writers.items():
+        if is_possible:
+            write(out / name, result, believed, known_to, named)
+        else:
+            (out / name).unlink(missing_ok=True)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rfca_rig.model.hinge_springs import bending_stiffness_Nm_per_rad, bending_torque_Nm
 from rfca_rig.model.static_state import StaticState
 from rfca_rig.model.statics_contact import static_path
 from rfca_rig.sweep.computed import Computed, Missing
@@ -25,8 +26,7 @@ def hinge_k0_Nm_per_rad(case: Computed) -> float:
 
 
 def equivalent_stiffness_Nm_per_rad(case: Computed, angle_deg: float) -> float:
-    leg = case.rig.leg
-    return leg.k0_Nm_per_rad * (1.0 + 3.0 * leg.k2_per_rad2 * float(np.radians(angle_deg)) ** 2)
+    return float(bending_stiffness_Nm_per_rad(case.rig.leg, np.radians(angle_deg)))
 
 
 def strip_used_pct(case: Computed) -> float:
@@ -39,8 +39,8 @@ def strip_used_short_pct(case: Computed) -> float:
 
 
 def strip_used_torque_pct(case: Computed) -> float:
-    leg, phi = case.rig.leg, largest_hinge_angle_rad(case)
-    return 100.0 * leg.k0_Nm_per_rad * (phi + leg.k2_per_rad2 * phi**3) / case.design.strip.breaking_moment_Nm
+    torque = bending_torque_Nm(case.rig.leg, np.array(largest_hinge_angle_rad(case)))
+    return 100.0 * float(torque) / case.design.strip.breaking_moment_Nm
 
 
 def static_torque_Nm(case: Computed, angle_deg: float) -> float:

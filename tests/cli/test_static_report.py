@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rfca_rig.description.model_file import read_model_file
@@ -37,6 +38,37 @@ def test_predict_takes_the_model_that_it_leaves(tmp_path, monkeypatch, capsys):
     assert typed(monkeypatch, capsys, "dynamic", "run", "--dry-run", "--model", model).exit_code == 0
     assert typed(monkeypatch, capsys, "report", SMALL, "--out", tmp_path / "again", "--model", model).exit_code == 0
     assert read_model_file(model).known_to.k2_relative < 0.02
+
+
+def test_the_measured_curve_goes_wherever_a_model_goes(tmp_path, monkeypatch, capsys):
+    typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path)
+    law, curve = tmp_path / "model.toml", tmp_path / "model-curve.toml"
+    valleys = [
+        json.loads(typed(monkeypatch, capsys, "predict", "--height", 235, "--speed", 3.276, "--model", model, "--json").out)["valley_fz_N"]
+        for model in (law, curve)
+    ]
+    assert valleys[1] == pytest.approx(valleys[0], rel=1e-3)
+    assert typed(monkeypatch, capsys, "dynamic", "run", "--dry-run", "--model", curve).exit_code == 0
+    assert typed(monkeypatch, capsys, "report", SMALL, "--out", tmp_path / "again", "--model", curve).exit_code == 0
+    assert typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path / "from curve", "--model", curve).exit_code == 0
+    again = read_model_file(tmp_path / "from curve" / "model.toml").leg
+    assert again.k0_Nm_per_rad == pytest.approx(read_model_file(law).leg.k0_Nm_per_rad, rel=1e-3)
+
+
+def test_rest_angles_are_found_where_it_is_stated_how_far_they_may_be_off(tmp_path, monkeypatch, capsys):
+    typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path)
+    model = tmp_path / "model.toml"
+    model.write_text(model.read_text().replace("[known_to]\n", "[known_to]\nrest_angle_deg = 2.0\n"))
+    said = typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path / "rest", "--model", model, "--json")
+    found = json.loads(said.out)["rest_angles"]
+    assert np.abs(found["deg"]).max() < 4.0 * max(found["std_deg"])
+    assert max(found["std_deg"]) < 0.15
+    assert found["mean_std_deg"] < 0.08
+    assert -1.0 < found["correlation_with_stiffness"] < -0.3
+    page = (tmp_path / "rest" / "static.html").read_text()
+    assert "rest angle of hinge 7" in page
+    assert "The rest angles were found together with the curve" in page
+    assert len(read_model_file(tmp_path / "rest" / "model-curve.toml").leg.rest_angles_deg) == 6
 
 
 def test_stated_errors_of_angles_and_gain_are_used(tmp_path, monkeypatch, capsys):

@@ -23,7 +23,7 @@ from tests.report.outline import Outline
 
 NEVER = ("script", "link", "iframe", "object")  # photos stand in the page
 TABLES = [f"{name}.{kind}" for name in ("curve", "hinges", "values") for kind in ("csv", "tex")]
-FILES = sorted([*TABLES, "model.toml", "stages.csv", "static.html", "static.json"])
+FILES = sorted([*TABLES, "model-curve.toml", "model.toml", "stages.csv", "static.html", "static.json"])
 
 
 def written(folder, stages, run=None, known_to=KNOWN_TO):

@@ -8,7 +8,8 @@ from typing import Any
 
 from rfca_rig.analysis.fitting.result import FitResult, FittedParameter
 from rfca_rig.description.model_file import write_model
-from rfca_rig.model.parameters import RigModel
+from rfca_rig.description.torque_rotation import scaled_keys
+from rfca_rig.model.parameters import Leg, RigModel
 
 HEIGHT_OFFSET = "height_offset"
 
@@ -38,8 +39,7 @@ def fitted_sections(believed: Mapping[str, Any], rig: RigModel, height_offset_m:
             "link_lengths_mm": [1e3 * length_m for length_m in leg.link_lengths_m],
             "link_masses_g": [1e3 * mass_kg for mass_kg in leg.link_masses_kg],
             "link_radius_mm": 1e3 * leg.link_radius_m,
-            "k0_Nm_per_rad": leg.k0_Nm_per_rad,
-            "k2_per_rad2": leg.k2_per_rad2,
+            **_springs(believed["leg"], leg),
             "hinge_damping_Nm_s_per_rad": leg.hinge_damping_Nm_s_per_rad,
             "start_angle_rad": leg.start_angle_rad,
             **({"rest_angles_deg": [math.degrees(rest_rad) for rest_rad in leg.rest_angles_rad]} if leg.rest_angles_rad else {}),
@@ -59,6 +59,13 @@ def fitted_sections(believed: Mapping[str, Any], rig: RigModel, height_offset_m:
         "drive": {**believed["drive"], "ramp_s": rig.drive.ramp_s},
         "effects": _effects(rig, 1e3 * height_offset_m),
     }
+
+
+def _springs(believed: Mapping[str, Any], leg: Leg) -> dict[str, Any]:
+    """k0 and k2, or the curve with the factor that a fit put on it."""
+    if leg.torque_splines:
+        return {"torque_rotation": scaled_keys(believed["torque_rotation"], leg.k0_Nm_per_rad)}
+    return {"k0_Nm_per_rad": leg.k0_Nm_per_rad, "k2_per_rad2": leg.k2_per_rad2}
 
 
 def _effects(rig: RigModel, offset_mm: float) -> list[dict[str, Any]]:

@@ -39,6 +39,17 @@ def _of_leg(name: str, field: str, unit: str, spread: float, scale: float = 1.0,
     return Parameter(name, unit, True, spread, lambda at: scale * float(getattr(at.rig.leg, field)), write, known_to)
 
 
+def _k2_per_rad2(at: Supposed) -> float:
+    if at.rig.leg.torque_splines:
+        raise BadInput("k2: the hinges of this leg follow a measured curve (leg.torque_rotation), which has none; take k0, which scales it")
+    return at.rig.leg.k2_per_rad2
+
+
+def _with_k2(at: Supposed, k2_per_rad2: float) -> Supposed:
+    _k2_per_rad2(at)
+    return replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, k2_per_rad2=k2_per_rad2)))
+
+
 def _of_ground(name: str, field: str, unit: str, spread: float, known_to: str | None = None, scale: float = 1.0) -> Parameter[Supposed]:
     def write(at: Supposed, value: float) -> Supposed:
         changed: dict[str, Any] = {field: value / scale}
@@ -88,7 +99,7 @@ PARAMETERS: Mapping[str, Parameter[Supposed]] = {
     parameter.name: parameter
     for parameter in (
         _of_leg("k0", "k0_Nm_per_rad", "N m/rad", 0.1, known_to="k0_relative"),
-        _of_leg("k2", "k2_per_rad2", "1/rad2", 0.2, known_to="k2_relative"),
+        Parameter("k2", "1/rad2", True, 0.2, _k2_per_rad2, _with_k2, "k2_relative"),
         _of_leg("hinge_damping", "hinge_damping_Nm_s_per_rad", "N m s/rad", 0.5, known_to="hinge_damping_relative"),
         Parameter("mass", "g", True, 0.02, _mass_g, _with_mass, "mass_relative"),
         _of_leg("link_radius", "link_radius_m", "mm", 0.3, scale=1e3),

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.torque_rotation.bases import Basis
-from rfca_rig.analysis.torque_rotation.doubts import ANY, Doubts
+from rfca_rig.analysis.torque_rotation.doubts import ANY, Doubts, rest_name
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 
 Floats = NDArray[np.float64]
@@ -88,6 +88,11 @@ class Balance:
         """Its value in p, 0 where it is not doubted."""
         place = self.doubts.place(name)
         return 0.0 if place is None else float(p[self.curve_size + place])
+
+    def rest_rad(self, p: Floats) -> Floats:
+        """(h,) the angles at which the hinges bear nothing: as believed, and what they are off."""
+        believed = np.array(self.rig.leg.rest_angles_rad or (0.0,) * (self.L.size - 1))
+        return believed + [self.doubt(p, rest_name(hinge)) for hinge in range(believed.size)]
 
     def mended(self, z: Floats, p: Floats, recording: NDArray[np.intp]) -> Floats:
         """What was measured, less what zeros and tares shift it by, and less the sensor's gain."""
@@ -176,16 +181,19 @@ class _Conditions:
     def _hinges(self) -> None:
         """Torque of every hinge less its load."""
         h, size, whole = self.h, self.of.basis.size, self.of.curve_size
-        phi, extra = self.z[:, :h], self.of.extra[self.group.rows]
+        phi, extra = self.z[:, :h] - self.of.rest_rad(self.p), self.of.extra[self.group.rows]
         columns = self.of.basis.columns(phi)
         self.g[:, :h] = columns @ self.p[:size] + extra @ self.p[size:whole] - self.load[:, 1:]
         self.by_z[:, :h, :h] = -self.load_q[:, 1:, 1:]
-        self.by_z[:, np.arange(h), np.arange(h)] += self.of.basis.slopes(phi) @ self.p[:size]
+        stiffness = self.of.basis.slopes(phi) @ self.p[:size]
+        self.by_z[:, np.arange(h), np.arange(h)] += stiffness
         self.by_z[:, :h, h] = -self.load_q[:, 1:, 0]
         self.by_c[:, :h] = -self.load_c[:, 1:]
         self.by_p[:, :h, :size], self.by_p[:, :h, size:whole] = columns, extra
         for name, slope in (("mass", self.load_mass), ("friction_lever", self.load_lever), ("contact", self.load_contact)):
             self._by_doubt(slice(0, h), name, -slope[:, 1:])
+        for hinge in range(h):
+            self._by_doubt(slice(hinge, hinge + 1), rest_name(hinge), -stiffness[:, hinge : hinge + 1])
 
     def _sensor(self) -> None:
         """Readings of torque, fz and fy less what leg and floor make of them."""

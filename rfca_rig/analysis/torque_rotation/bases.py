@@ -1,15 +1,19 @@
 """Forms that the torque of a hinge over its angle may take, linear in their coefficients."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, PPoly
+
+from rfca_rig.model.torque_spline import polynomial
 
 Floats = NDArray[np.float64]
 
 CUBIC = 3
+LEAST_KNOT_RAD = float(np.radians(0.3))  # nearer to rest no photo tells a torque: twice the usual error of an angle
 
 
 class Basis(Protocol):
@@ -60,6 +64,35 @@ class Spline:
 
     def slopes(self, phi_rad: Floats) -> Floats:
         return np.asarray(BSpline(self.knots_rad, np.eye(self.size), CUBIC).derivative()(phi_rad))
+
+
+@dataclass(frozen=True)
+class ThroughRest:
+    """The model's own spline, whose coefficients are its torques at `knots_rad` (ascending, above 0): odd, straight beyond the last one.
+
+    Other than `Spline` it bears no torque at rest. So rest angles are no part of it, and its coefficients go into a model as they are.
+    """
+
+    knots_rad: tuple[float, ...]
+
+    @property
+    def size(self) -> int:
+        return len(self.knots_rad)
+
+    def columns(self, phi_rad: Floats) -> Floats:
+        return np.asarray(self._cardinal()(phi_rad))
+
+    def slopes(self, phi_rad: Floats) -> Floats:
+        return np.asarray(self._cardinal()(phi_rad, 1))
+
+    def _cardinal(self) -> PPoly:
+        return polynomial((0.0, *self.knots_rad), np.eye(self.size + 1)[:, 1:])
+
+
+def through_rest(phi_rad: Floats, shares: Sequence[float]) -> ThroughRest:
+    """The model's spline over the range of these angles from rest, with these shares of them below its knots."""
+    knots = np.quantile(np.abs(phi_rad), shares)
+    return ThroughRest(tuple(knots[knots > LEAST_KNOT_RAD].tolist()))
 
 
 def spline_over(phi_rad: Floats, pieces: int) -> Spline:

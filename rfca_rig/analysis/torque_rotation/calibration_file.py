@@ -1,4 +1,4 @@
-"""The recovered hinges as a model file, which every command takes with --model."""
+"""The recovered hinges as model files, which every command takes with --model: one with k0 and k2, one with the measured curve."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -8,28 +8,77 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.analysis.fitting.model_file import fitted_sections
+from rfca_rig.analysis.torque_rotation.bases import ThroughRest
+from rfca_rig.analysis.torque_rotation.checks import FormCheck, RestAngles
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
+from rfca_rig.description.believed import believed_model
 from rfca_rig.description.model_file import write_model
+from rfca_rig.description.sections import SOFTEST_K2, TorqueRotationSection
+from rfca_rig.description.torque_rotation import relative_std, with_curve, with_law
+from rfca_rig.model.parameters import RigModel
+
+COVARIANCE_DIGITS = 6  # significant, of the largest: errors are known far less well
 
 
 def can_be_written(result: StaticResult) -> bool:
-    """A model file holds springs that harden."""
-    return result.values.k0_Nm_per_rad > 0.0 and result.values.k2_per_rad2 > 0.0
+    """A model file holds a law that grows up to 90 degrees."""
+    return result.values.k0_Nm_per_rad > 0.0 and result.values.k2_per_rad2 >= SOFTEST_K2
+
+
+def can_curve_be_written(result: StaticResult) -> bool:
+    """A model file holds a curve that grows everywhere."""
+    return not result.not_monotone
 
 
 def write_calibration(
     path: Path, result: StaticResult, believed: Mapping[str, Any], known_to: Mapping[str, Any], sources: Sequence[str]
 ) -> None:
-    """The believed model with the recovered k0 and k2, and how well they are known now; all or nothing.
+    """The believed model with the recovered k0, k2 and rest angles, and how well they are known now; all or nothing.
 
     Where the law does not hold they are known no better than it departs from the measured curve. Raises RigError where the disk refuses.
     """
-    values = result.values
-    leg = replace(result.rig.leg, k0_Nm_per_rad=values.k0_Nm_per_rad, k2_per_rad2=values.k2_per_rad2)
-    sections = fitted_sections(believed, replace(result.rig, leg=leg))
-    known = {key: float(value) for key, value in known_to.items() if value is not None}
-    write_model(path, sections, known | _known_to(result), _comments(result, sources))
+    values, rests = result.values, result.rests[0]
+    leg = with_law(believed["leg"], values.k0_Nm_per_rad, values.k2_per_rad2)
+    sections = _sections({**believed, "leg": leg}, result.rig, rests)
+    write_model(path, sections, _stated(known_to) | _known_to(result) | _rest_known_to(rests), _comments(result, sources))
+
+
+def write_curve(path: Path, result: StaticResult, believed: Mapping[str, Any], known_to: Mapping[str, Any], sources: Sequence[str]) -> None:
+    """The believed model with the measured curve and its covariance in place of k0 and k2; all or nothing.
+
+    `k0_relative` is the root mean square of the curve's band over that of its torques: how far a fit may scale the curve. Where splines
+    that bear a torque at rest fit better than chance allows, it is no smaller than these are apart. Raises RigError where the disk refuses.
+    """
+    keys, rests = curve_keys(result), result.rests[1]
+    band = relative_std(TorqueRotationSection.model_validate(keys))
+    sections = _sections({**believed, "leg": with_curve(believed["leg"], keys)}, result.rig, rests)
+    apart = 0.0 if result.model_form.holds else abs(result.model_form.apart_relative)
+    known = {key: value for key, value in _stated(known_to).items() if key not in ("k0_relative", "k2_relative")}
+    known["k0_relative"] = float(np.hypot(band or 0.0, apart))
+    write_model(path, sections, known | _rest_known_to(rests), _curve_comments(result, sources))
+
+
+def curve_keys(result: StaticResult) -> dict[str, Any]:
+    """The keys of [leg.torque_rotation] for the measured curve."""
+    basis, covariance = result.model.basis, result.model.covariance
+    assert isinstance(basis, ThroughRest)
+    return {
+        "angles_deg": np.degrees(basis.knots_rad).tolist(),
+        "torques_Nm": result.model.coefficients.tolist(),
+        "covariance_Nm2": [[float(f"{each:.{COVARIANCE_DIGITS}g}") for each in row] for row in 0.5 * (covariance + covariance.T)],
+    }
+
+
+def _sections(believed: Mapping[str, Any], rig: RigModel, rests: RestAngles | None) -> dict[str, Any]:
+    leg = believed_model(believed).leg
+    if rests is not None:
+        leg = replace(leg, rest_angles_rad=tuple(rests.rest_rad.tolist()))
+    return fitted_sections(believed, replace(rig, leg=leg))
+
+
+def _stated(known_to: Mapping[str, Any]) -> dict[str, float]:
+    return {key: float(value) for key, value in known_to.items() if value is not None}
 
 
 def _known_to(result: StaticResult) -> dict[str, float]:
@@ -38,13 +87,53 @@ def _known_to(result: StaticResult) -> dict[str, float]:
     return {name: float(np.hypot(std, apart)) for name, std in known.items()}
 
 
+def _rest_known_to(rests: RestAngles | None) -> dict[str, float]:
+    """One number for all hinges: the worst of them."""
+    return {} if rests is None else {"rest_angle_deg": float(np.degrees(rests.std_rad.max()))}
+
+
 def _comments(result: StaticResult, sources: Sequence[str]) -> list[str]:
     values = result.values
     low, high = (abs(np.degrees(angle)) for angle in sorted(result.curve.range_rad, key=abs))
     return [
-        *(f"Torque over rotation of the hinges, from the static stages of {source}" for source in sources),
+        *_from(sources),
         f"k0 {values.k0_Nm_per_rad:.4f} +- {values.reach * values.k0_std:.4f} N m/rad, k2 {values.k2_per_rad2:.4f} +- "
         f"{values.reach * values.k2_std:.4f} 1/rad2 (95 %), "
         f"errors correlated by {values.correlation:+.2f}; from {low:.1f} to {high:.1f} degrees",
+        *_of_rests(result.rests[0]),
         *remarks(result),
+    ]
+
+
+def _curve_comments(result: StaticResult, sources: Sequence[str]) -> list[str]:
+    low, high = (abs(np.degrees(angle)) for angle in sorted(result.model.range_rad, key=abs))
+    return [
+        *_from(sources),
+        f"A cubic spline through rest, measured from {low:.1f} to {high:.1f} degrees; straight beyond the last angle",
+        *_of_rests(result.rests[1]),
+        *_of_form(result.model_form),
+        *remarks(result),
+    ]
+
+
+def _from(sources: Sequence[str]) -> list[str]:
+    return [f"Torque over rotation of the hinges, from the static stages of {source}" for source in sources]
+
+
+def _of_form(form: FormCheck) -> list[str]:
+    if form.holds:
+        return []
+    return [
+        f"splines that need not pass through rest part from it by {abs(form.apart_Nm):.2f} N m, {abs(100 * form.apart_relative):.1f} % of "
+        f"the largest torque, at {abs(np.degrees(form.at_rad)):.0f} degrees"
+    ]
+
+
+def _of_rests(rests: RestAngles | None) -> list[str]:
+    if rests is None:
+        return []
+    each = ", ".join(f"{np.degrees(std):.3f}" for std in rests.std_rad)
+    return [
+        f"rest angles known to {each} degrees, their mean to {np.degrees(rests.common_std_rad):.3f}, "
+        f"correlated by {rests.with_stiffness:+.2f} with the stiffness at rest"
     ]

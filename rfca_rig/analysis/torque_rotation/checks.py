@@ -8,6 +8,7 @@ from scipy.stats import chi2
 
 from rfca_rig.analysis.torque_rotation.adjustment import Adjusted, freed, weighed
 from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
+from rfca_rig.analysis.torque_rotation.doubts import rest_name
 from rfca_rig.analysis.torque_rotation.recovery import Recovered
 from rfca_rig.analysis.torque_rotation.stages import StageData
 
@@ -49,6 +50,41 @@ class HingeCheck:
     @property
     def differs(self) -> bool:
         return abs(self.stiffer) > CLEARLY * self.std
+
+
+@dataclass(frozen=True)
+class RestAngles:
+    """Rest angles (h,) [rad] that were found beside a curve, with their covariance (h, h).
+
+    `with_stiffness` is the correlation of their mean with the curve's stiffness at rest: near +-1 the two stand in for each other.
+    """
+
+    rest_rad: Floats
+    covariance: Floats
+    with_stiffness: float
+
+    @property
+    def std_rad(self) -> Floats:
+        """(h,) of each hinge by itself."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def common_std_rad(self) -> float:
+        """Of the mean of all hinges."""
+        return float(np.sqrt(self.covariance.mean()))
+
+
+@dataclass(frozen=True)
+class RestCheck:
+    """By how much one hinge, or all where `hinge` is None, rests elsewhere than believed, with one standard deviation [rad]."""
+
+    hinge: int | None
+    rest_rad: float
+    std_rad: float
+
+    @property
+    def differs(self) -> bool:
+        return abs(self.rest_rad) > CLEARLY * self.std_rad
 
 
 @dataclass(frozen=True)
@@ -108,11 +144,12 @@ def strays(found: Recovered, data: StageData) -> tuple[Stray, ...]:
 
 
 def form_check(law: Recovered, free: Recovered, law_curve: TorqueCurve, free_curve: TorqueCurve) -> FormCheck:
-    """`law` and `free` were found with the same errors."""
+    """`law` and `free` were found with the same errors. The curves are compared at the same angles of the hinges, wherever these rest."""
     gain = max(law.adjusted.chi2 - free.adjusted.chi2, 0.0)
     more = free.adjusted.balance.basis.size - law.adjusted.balance.basis.size
     grid = free_curve.grid_rad()
-    by_law, by_free = law_curve.torque_Nm(grid)[0], free_curve.torque_Nm(grid)[0]
+    rests = [one.adjusted.balance.rest_rad(one.adjusted.point.p).mean() for one in (law, free)]
+    by_law, by_free = law_curve.torque_Nm(grid + rests[1] - rests[0])[0], free_curve.torque_Nm(grid)[0]
     worst = int(np.argmax(np.abs(by_law - by_free)))
     apart = float(by_law[worst] - by_free[worst]) * law_curve.bends
     scale = float(np.abs(by_free).max()) or 1.0
@@ -121,9 +158,40 @@ def form_check(law: Recovered, free: Recovered, law_curve: TorqueCurve, free_cur
 
 def hinge_checks(found: Recovered, data: StageData, curve: TorqueCurve) -> tuple[HingeCheck, ...]:
     """Each hinge supposed to differ while the others share the curve."""
-    torque = curve.torque_Nm(found.adjusted.point.z[:, : data.hinges].ravel())[0].reshape(-1, data.hinges)
+    torque = curve.torque_Nm(from_rest_rad(found, data).ravel())[0].reshape(-1, data.hinges)
     columns = torque[:, :, None] * np.eye(data.hinges)
     return tuple(HingeCheck(j + 2, value, std) for j, (value, std) in enumerate(_tried(found, data, columns)))
+
+
+def from_rest_rad(found: Recovered, data: StageData) -> Floats:
+    """(S, h) angles of the hinges from where they bear nothing, as found."""
+    point, balance = found.adjusted.point, found.adjusted.balance
+    return np.asarray(point.z[:, : data.hinges] - balance.rest_rad(point.p))
+
+
+def rest_checks(found: Recovered, data: StageData, curve: TorqueCurve) -> tuple[RestCheck, ...]:
+    """Each hinge supposed to rest elsewhere than the others, and all of them together; none where rest angles are unknowns already."""
+    if found.adjusted.balance.doubts.place(rest_name(0)) is not None:
+        return ()
+    stiffness = curve.stiffness_Nm_per_rad(from_rest_rad(found, data).ravel())[0].reshape(-1, data.hinges)
+    single = -stiffness[:, :, None] * np.eye(data.hinges)
+    tried = _tried(found, data, np.concatenate([single, -stiffness[:, :, None]], axis=2))
+    return tuple(RestCheck(j + 2 if j < data.hinges else None, value, std) for j, (value, std) in enumerate(tried))
+
+
+def rest_angles(found: Recovered, widened: float) -> RestAngles | None:
+    """The rest angles with their covariance; None where they count as exact."""
+    adjusted = found.adjusted
+    first, hinges = adjusted.balance.doubts.place(rest_name(0)), adjusted.balance.L.size - 1
+    if first is None:
+        return None
+    curve, covariance = adjusted.balance.basis, adjusted.covariance
+    places = slice(adjusted.balance.curve_size + first, adjusted.balance.curve_size + first + hinges)
+    slope = curve.slopes(np.zeros(1))[0]
+    with_slope = float(slope @ covariance[: curve.size, places].mean(axis=1))
+    variances = float(slope @ covariance[: curve.size, : curve.size] @ slope) * float(covariance[places, places].mean())
+    rest_rad = adjusted.balance.rest_rad(adjusted.point.p)
+    return RestAngles(rest_rad, widened**2 * covariance[places, places], with_slope / float(np.sqrt(variances)))
 
 
 def _tried(found: Recovered, data: StageData, columns: Floats) -> list[tuple[float, float]]:

@@ -71,6 +71,7 @@ def doubts_of(data: StageData, known_to: Mapping[str, float | None], instruments
         *_heights(data, known_to),
         *_tares(data),
         *(_mark(hinge, instruments.marks_deg) for hinge in range(data.hinges)),
+        *(_rest(hinge, known_to.get("rest_angle_deg") or 0.0) for hinge in range(data.hinges)),
     ]
     return Doubts(tuple(doubt for doubt in each if doubt.std > 0.0))
 
@@ -104,3 +105,12 @@ def _tares(data: StageData) -> list[Doubt]:
 
 def _mark(hinge: int, marks_deg: float) -> Doubt:
     return Doubt(f"hinge_zero_{hinge + 2}", np.radians(marks_deg), f"zero of hinge {hinge + 2}", "°", np.degrees(1.0), hinge)
+
+
+def _rest(hinge: int, std_deg: float) -> Doubt:
+    return Doubt(rest_name(hinge), np.radians(std_deg), f"rest angle of hinge {hinge + 2}", "°", np.degrees(1.0))
+
+
+def rest_name(hinge: int) -> str:
+    """The doubt of what a hinge's rest angle is off; hinges count from 0 here."""
+    return f"rest_{hinge + 2}"

@@ -14,8 +14,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Points:
-    """All (S, h), NaN where no angle was measured. The torques follow from the angles as measured, before any curve is supposed; `turned`
-    is +1 where a hinge had bent farther to its angle, -1 where it had come back, 0 where that is not clear.
+    """All (S, h), NaN where no angle was measured. The angles count from rest.
+
+    The torques follow from the angles as measured, before any curve is supposed; `turned` is +1 where a hinge had bent farther to its
+    angle, -1 where it had come back, 0 where that is not clear.
     """
 
     phi_rad: Floats
@@ -30,7 +32,8 @@ def points_of(found: Recovered, data: StageData) -> Points:
     balance, h = found.adjusted.balance, data.hinges
     p, curve = found.adjusted.point.p, slice(0, found.adjusted.balance.curve_size)
     z, C = _as_measured(found, data)
-    angle, torque, std = balance.mended(z, p, data.recording)[:, :h], np.empty(data.seen.shape), np.empty(data.seen.shape)
+    angle = balance.mended(z, p, data.recording)[:, :h] - balance.rest_rad(p)
+    torque, std = np.empty(data.seen.shape), np.empty(data.seen.shape)
     for group, c in zip(found.adjusted.groups, found.adjusted.point.c, strict=True):
         line = balance.linear(group, z[group.rows], c, p)
         torque[group.rows] = line.by_p[:, :h, curve] @ p[curve] - line.g[:, :h]

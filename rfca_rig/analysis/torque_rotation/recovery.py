@@ -12,6 +12,7 @@ from rfca_rig.analysis.torque_rotation.doubts import Doubts
 from rfca_rig.analysis.torque_rotation.noise import Errors, learned
 from rfca_rig.analysis.torque_rotation.stages import StageData
 from rfca_rig.analysis.torque_rotation.touching import Ends, pressing, restarted, settled, supposed
+from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.model.parameters import RigModel
 
 Floats = NDArray[np.float64]
@@ -58,7 +59,7 @@ def recovered(
 def _believed_curve(rig: RigModel, basis: Basis, data: StageData) -> Floats:
     """The coefficients nearest to what was believed, over the angles of the stages."""
     phi = np.linspace(*_range(data), 100)
-    torque = rig.leg.k0_Nm_per_rad * (phi + rig.leg.k2_per_rad2 * phi**3)
+    torque = bending_torque_Nm(rig.leg, phi)
     return np.asarray(np.linalg.lstsq(basis.columns(phi), torque, rcond=None)[0])
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
+from rfca_rig.description.sections import SOFTEST_K2
 
 MUCH_HINGE_DEG = 0.6  # of a hinge angle in a photo
 MUCH_FORCE = 1.0  # times the noise of one sample, for a mean of many
@@ -13,7 +14,16 @@ MOST_STRAYS = 3
 
 def remarks(result: StaticResult) -> list[str]:
     """Warnings first of the form, then of the instruments, then of single hinges and values; empty where there is nothing to say."""
-    return [*_form(result), *_loop(result), *_strays(result), *_noise(result), *_hinges(result), *_strained(result), *_stages(result)]
+    return [
+        *_form(result),
+        *_loop(result),
+        *_strays(result),
+        *_noise(result),
+        *_hinges(result),
+        *_rests(result),
+        *_strained(result),
+        *_stages(result),
+    ]
 
 
 def _form(result: StaticResult) -> list[str]:
@@ -26,8 +36,17 @@ def _form(result: StaticResult) -> list[str]:
             "The curve shown is that of the splines; k0 and k2 are only the nearest."
         )
     if result.values.k2_per_rad2 < 0.0:
-        said.append("The hinges soften: k2 is below zero, which no model file can hold.")
+        said.append(_softens(result))
+    if result.not_monotone:
+        said.append(f"No model can take the measured curve: {result.not_monotone}.")
     return said
+
+
+def _softens(result: StaticResult) -> str:
+    k2 = result.values.k2_per_rad2
+    if k2 >= SOFTEST_K2:
+        return f"The hinges soften: k2 is {k2:.3f} 1/rad2, below zero."
+    return f"The hinges soften: k2 is {k2:.3f} 1/rad2, and a law below {SOFTEST_K2:.3f} falls before 90 degrees; take the measured curve."
 
 
 def _loop(result: StaticResult) -> list[str]:
@@ -78,6 +97,19 @@ def _hinges(result: StaticResult) -> list[str]:
         "than the curve of all, which it bends towards itself."
         for check in result.hinges
         if check.differs
+    ]
+
+
+def _rests(result: StaticResult) -> list[str]:
+    """The clearest departure alone: one hinge that rests elsewhere pulls at the mean of all, and the other way round."""
+    checks = [check for check in result.rest_checks if check.differs]
+    if not checks:
+        return []
+    clearest = max(checks, key=lambda check: abs(check.rest_rad) / check.std_rad)
+    which = "All hinges look as if they rest" if clearest.hinge is None else f"Hinge {clearest.hinge} looks as if it rests"
+    return [
+        f"{which} at {np.degrees(clearest.rest_rad):+.2f} +- {np.degrees(clearest.std_rad):.2f} degrees from what was believed; with "
+        "rest_angle_deg in [known_to] the rest angles are found together with the curve."
     ]
 
 

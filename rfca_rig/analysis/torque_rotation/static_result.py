@@ -2,12 +2,17 @@
 
 from dataclasses import dataclass
 
-from rfca_rig.analysis.torque_rotation.checks import FormCheck, Found, HingeCheck, Loop, Stray
+import numpy as np
+
+from rfca_rig.analysis.torque_rotation.bases import ThroughRest
+from rfca_rig.analysis.torque_rotation.checks import FormCheck, Found, HingeCheck, Loop, RestAngles, RestCheck, Stray
 from rfca_rig.analysis.torque_rotation.curve import LawValues, TorqueCurve
 from rfca_rig.analysis.torque_rotation.points import Points
 from rfca_rig.analysis.torque_rotation.recovery import Recovered
 from rfca_rig.analysis.torque_rotation.stages import StageData
+from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.torque_spline import knots_from
 
 
 @dataclass(frozen=True)
@@ -20,7 +25,11 @@ class Repeats:
 
 @dataclass(frozen=True)
 class StaticResult:
-    """`law` is the curve k0 (phi + k2 phi^3) with its `values`, `free` the one of splines; `found` is the solution behind `curve`."""
+    """`law` is the curve k0 (phi + k2 phi^3) with its `values`, `free` the one of splines; `found` is the solution behind `curve`.
+
+    `model` is the curve in the form that a model takes, which bears nothing at rest, and `model_form` its test. `rests` are the rest angles
+    found beside the law and beside `model`, None where they count as exact.
+    """
 
     rig: RigModel
     data: StageData
@@ -28,6 +37,10 @@ class StaticResult:
     law: TorqueCurve
     values: LawValues
     free: TorqueCurve
+    model: TorqueCurve
+    model_form: FormCheck
+    rests: tuple[RestAngles | None, ...]
+    rest_checks: tuple[RestCheck, ...]
     form: FormCheck
     loop: Loop | None
     hinges: tuple[HingeCheck, ...]
@@ -35,6 +48,17 @@ class StaticResult:
     strays: tuple[Stray, ...]
     points: Points
     repeats: Repeats
+
+    @property
+    def not_monotone(self) -> str:
+        """Why a model cannot take the measured curve, in a line; empty where it can."""
+        basis = self.model.basis
+        assert isinstance(basis, ThroughRest)
+        try:
+            knots_from(np.degrees(basis.knots_rad).tolist(), self.model.coefficients.tolist(), "the measured curve")
+        except BadInput as error:
+            return str(error)
+        return ""
 
     @property
     def curve(self) -> TorqueCurve:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.model import dry_friction
 from rfca_rig.model.effects import joint_stribeck
+from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.model.laws import HINGE, LOAD, NORMAL, SLIP, LawUse
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect, RigModel
@@ -65,7 +66,7 @@ def _in_hinges(plain: Setup, having: Setup, argument: str, u: Floats) -> Floats:
         return np.asarray((after.hinge_damping_Nm_s_per_rad - before.hinge_damping_Nm_s_per_rad) * u + slides)
     if argument != "angle_rad":
         return np.zeros_like(u)
-    own = [leg.k0_Nm_per_rad * u * (1.0 + leg.k2_per_rad2 * u**2) for leg in (before, after)]
+    own = [bending_torque_Nm(leg, u) for leg in (before, after)]
     bent = [
         _values(use, u, 0.0, 0.0, after.k0_Nm_per_rad, after.k2_per_rad2)
         for use in having.laws

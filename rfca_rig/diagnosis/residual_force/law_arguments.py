@@ -21,6 +21,7 @@ from rfca_rig.diagnosis.pendulums.windows import Stretch
 from rfca_rig.diagnosis.residual_force.joint_argument import courses_of_motions, own_law_of_joint
 from rfca_rig.diagnosis.residual_force.law import Course, LawArgument
 from rfca_rig.errors import BadInput
+from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.model.pendulum import driven
 from rfca_rig.model.stroke import SimulatedStroke
 from rfca_rig.model.tabulated_law import SURE_OF_SIGN_RAD_S, effect_of_table, kind_of
@@ -49,10 +50,10 @@ def make_argument(place: str, argument: str) -> LawArgument:
     )
 
 
-def arguments_at(place: str) -> tuple[str, ...]:
-    """The arguments that are tried at a place."""
+def arguments_at(place: str, supposed: Any) -> tuple[str, ...]:
+    """The arguments that are tried at a place. In a leg with measured curves no law can follow the spring's torque."""
     if place.startswith("hinge"):
-        return ("rate_rad_s", "angle_rad", "spring_torque_Nm")
+        return ("rate_rad_s", "angle_rad", *(() if supposed.rig.leg.torque_splines else ("spring_torque_Nm",)))
     if place.startswith("joint"):
         return ("rate_rad_s", "angle_rad")
     known = {"floor_friction": ("slip_m_s", "load_N"), "floor_normal": ("depth_m",)}
@@ -104,7 +105,7 @@ def own_law(dataset: Dataset, supposed: Any, place: str, argument: str, u: Float
         return _own_of_joint(dataset, supposed, place, argument, u)
     laws: dict[str, Callable[[], Floats]] = {
         "rate_rad_s": lambda: leg.hinge_damping_Nm_s_per_rad * u,
-        "angle_rad": lambda: leg.k0_Nm_per_rad * u * (1.0 + leg.k2_per_rad2 * u**2),
+        "angle_rad": lambda: bending_torque_Nm(leg, u),
         "slip_m_s": lambda: np.full_like(u, ground.friction_coefficient),
         "load_N": lambda: np.full_like(u, ground.friction_coefficient),
         "depth_m": lambda: ground.stiffness_N_per_m1p5 * np.maximum(u, 0.0) ** 1.5,
@@ -131,7 +132,7 @@ def course_of_stroke(flap: FlapCondition, supposed: Supposed, place: str, argume
     stroke, rig = flap.stroke(supposed), supposed.rig
     if place.startswith("hinge"):
         angle, rate = np.diff(stroke.q_rad, axis=1), np.diff(stroke.w_rad_s, axis=1)
-        torque = np.abs(rig.leg.k0_Nm_per_rad * angle * (1.0 + rig.leg.k2_per_rad2 * angle**2))
+        torque = np.abs(bending_torque_Nm(rig.leg, angle))
         values = {"rate_rad_s": rate, "angle_rad": angle, "spring_torque_Nm": torque}[argument]
         if place != "hinges":
             values = values[:, int(place.removeprefix("hinge")) - 2][:, None]

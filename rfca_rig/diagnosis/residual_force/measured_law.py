@@ -99,7 +99,9 @@ def measure_law(
     SimulationFailed
         Where the model has no answer with any law there.
     """
-    return measure_best_law(found, [make_argument(place, argument) for argument in arguments or arguments_at(place)], base, start)
+    supposed = base.fitted.coordinates.supposed(base.fitted.x)
+    names = arguments or arguments_at(place, supposed)
+    return measure_best_law(found, [make_argument(place, argument) for argument in names], base, start)
 
 
 def measure_best_law(

@@ -28,4 +28,5 @@ EFFECT = Effect(
     source="dead zone in series with the spring",
     parameters=(Parameter("half_gap_deg", 0.05, 4.0),),
     apply=apply,
+    needs_k2=True,
 )

@@ -14,7 +14,7 @@ EFFECT = Effect(
     id="hinge_rest_angle_of_one",
     where="one hinge",
     left_out="one hinge rests at an angle: a permanent set",
-    law="phi counts from this angle in k0 phi + k0 k2 phi^3, in one hinge",
+    law="phi counts from this angle in the spring's torque, in one hinge",
     source="eq. (12), phi_i0",
     parameters=(Parameter("hinge", 2.0, 7.0, whole=True), Parameter("angle_deg", -6.0, 6.0)),
     apply=apply,

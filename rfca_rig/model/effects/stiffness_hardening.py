@@ -18,4 +18,5 @@ EFFECT = Effect(
     source="cubic hardening",
     parameters=(Parameter("k2_per_rad2", 0.0, 15.0),),
     apply=apply,
+    needs_k2=True,
 )

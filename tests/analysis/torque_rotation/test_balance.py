@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.torque_rotation.balance import Balance, Group
-from rfca_rig.analysis.torque_rotation.bases import Hardening, spline_over
+from rfca_rig.analysis.torque_rotation.bases import Hardening, ThroughRest, spline_over
 from rfca_rig.analysis.torque_rotation.doubts import Doubt, Doubts
-from rfca_rig.model.parameters import GRAVITY_M_S2
+from rfca_rig.model.parameters import GRAVITY_M_S2, TorqueSpline
+from rfca_rig.model.torque_spline import table_of
 from tests.analysis.torque_rotation.tables import RIG
 
 S, HINGES = 4, 6
@@ -24,6 +25,7 @@ ALL = Doubts(
         Doubt("height_1", 1.0, ""),
         Doubt("tare", 1.0, "", column=8, recording=1),
         Doubt("hinge_zero", 1.0, "", column=3),
+        Doubt("rest_4", 1.0, ""),
     )
 )
 
@@ -83,6 +85,25 @@ def test_derivatives_are_those_of_differences(ends, rise):
             step = np.zeros(at.shape)
             step[..., i] = 1e-7
             assert np.abs((value(at + step) - value(at - step)) / 2e-7 - slopes[:, :, i]).max() < 2e-5
+
+
+def test_torques_count_from_rest_as_believed_and_as_doubted():
+    balance, group, z, c, p = somewhere((), doubts=Doubts((Doubt("rest_4", 1.0, ""),)))
+    rest = np.array([0.02, -0.01, 0.03, 0.0, 0.0, 0.01])
+    bent = replace(balance, rig=replace(balance.rig, leg=replace(balance.rig.leg, rest_angles_rad=tuple(rest))))
+    p[-1] = 0.05
+    x = z[:, :6] - rest - 0.05 * np.eye(6)[2]
+    loads = balance.linear(group, z, c, p * np.array([0.0, 0.0, 1.0, 0.0])).g[:, :6]
+    assert bent.linear(group, z, c, p).g[:, :6] - loads == pytest.approx(11.0 * x + 44.0 * x**3)
+
+
+@pytest.mark.parametrize("basis", [ThroughRest((0.05, 0.12, 0.25, 0.4))])
+def test_splines_through_rest_are_the_models_own(basis):
+    torques = np.array([0.6, 1.5, 3.4, 6.8])
+    spline = table_of((TorqueSpline((0.0, *basis.knots_rad), (0.0, *torques)),), 2)
+    x = np.array([-0.6, -0.3, -0.01, 0.0, 0.2, 0.39, 0.7])
+    assert basis.columns(x) @ torques == pytest.approx(spline.torque(np.stack([0 * x, x], axis=1))[:, 1], abs=1e-12)
+    assert basis.slopes(x) @ torques == pytest.approx(spline.stiffness(np.stack([0 * x, x], axis=1))[:, 1], abs=1e-10)
 
 
 def test_an_end_in_the_air_does_not_press():
