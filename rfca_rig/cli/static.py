@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli import static_photos, static_reporting
+from rfca_rig.cli import static_loads, static_photos, static_reporting
 from rfca_rig.cli.options import Dry, Fault, Json, Model, Operator, Pace, Rig, Runs, Sample, Seed, View, ViewPort
 
 if TYPE_CHECKING:
@@ -20,6 +20,8 @@ app = typer.Typer(help="The static experiment: turn the shaft in stages, let the
 
 app.command("report")(static_reporting.report)
 app.command("photos")(static_photos.photos)
+app.command("load")(static_loads.load)
+app.command("force")(static_loads.force)
 
 
 @app.command()

@@ -51,7 +51,7 @@ def report(
     recordings = open_recordings(paths)
     options = {"--model": model, "--hinge-std-deg": hinge_std_deg, "--marks-deg": marks_deg, "--force-gain-pct": force_gain_pct}
     command = typed("static", "report", *paths, options={name: value for name, value in options.items() if value != USUAL.get(name)})
-    believed, known_to = _held_against(recordings, model)
+    believed, known_to = read_held_against(recordings, model)
     instruments = Instruments(0.01 * force_gain_pct, marks_deg)
     with progress(as_json) as bars:
         result = evaluate(recordings, Supposition(believed, known_to, instruments, hinge_std_deg), bars.counting("solving"))
@@ -71,7 +71,7 @@ def report(
     printing.print([out / "static.html"], as_json)
 
 
-def _held_against(recordings: "Sequence[Recording]", model: Path | None) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+def read_held_against(recordings: "Sequence[Recording]", model: Path | None) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.errors import BadInput
 

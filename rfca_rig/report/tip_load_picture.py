@@ -1,0 +1,46 @@
+"""The leg's shape under a tip force, beside its shape under the weight alone."""
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from rfca_rig.analysis.tip_load import LoadedShape
+from rfca_rig.errors import BadInput
+from rfca_rig.report.crosscheck_picture import check_picture_path
+from rfca_rig.report.look import BAD, FAINT, SIMULATED, SMALL, drawing
+
+WIDTH_IN = 4.6
+ARROW = 0.3  # length of the force's arrow, as a share of the leg
+
+
+def write_tip_load_picture(shape: LoadedShape, path: Path) -> None:
+    """Writes `path`, whose ending decides the format. Raises BadInput where it cannot."""
+    check_picture_path(path)
+    ends, alone = shape.ends_mm, shape.unloaded_mm
+    length = float(np.hypot(*np.diff(ends, axis=0).T).sum())
+    arrow = ARROW * length * shape.force_N / max(float(np.hypot(*shape.force_N)), 1e-12)
+    seen = np.vstack([ends, alone, ends[-1:] - arrow])
+    low, high = seen.min(axis=0) - 0.09 * length, seen.max(axis=0) + 0.09 * length
+    with drawing():
+        mpl.rcParams.update({"svg.hashsalt": "tip load", "svg.fonttype": "none"})
+        figure = Figure(figsize=(WIDTH_IN, WIDTH_IN * (high[1] - low[1]) / (high[0] - low[0]) + 0.7), layout="constrained")
+        axes = figure.subplots()
+        axes.plot(*alone.T, "--", color=FAINT, lw=1.2, label="weight alone")
+        axes.plot(*ends.T, "o-", color=SIMULATED, lw=2.8, ms=4.5, label="under the force")
+        for torque, place, before, after in zip(shape.torques_Nm[1:], ends[1:-1], ends[:-2], ends[2:], strict=True):
+            across = np.array([before[1] - after[1], after[0] - before[0]])
+            away = place - 0.055 * length * across / np.hypot(*across)
+            axes.text(float(away[0]), float(away[1]), f"{torque:.2f}", ha="center", va="center", fontsize=SMALL)
+        if shape.force_N.any():
+            axes.annotate("", xy=tuple(ends[-1]), xytext=tuple(ends[-1] - arrow), arrowprops={"arrowstyle": "-|>", "color": BAD, "lw": 1.6})
+            axes.plot([], [], color=BAD, lw=1.6, label=f"{np.hypot(*shape.force_N):.3g} N")
+        axes.set_aspect("equal")
+        axes.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), xlabel="along (mm)", ylabel="down (mm)")
+        axes.set_title("torques of the hinges in N m", fontsize=SMALL, loc="left")
+        axes.legend(frameon=False, fontsize=SMALL)
+        try:
+            figure.savefig(path, dpi=200, metadata={"Date": None} if path.suffix.lower() == ".svg" else None)
+        except OSError as error:
+            raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
