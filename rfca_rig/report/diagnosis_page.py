@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rfca_rig.analysis.fitting.parameters import PARAMETERS
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.result import Diagnosis, Located, NamedEffect, NotSeen, Rival, Value
 from rfca_rig.report.diagnosis_map import BAND_WORDS, maps_of
@@ -88,7 +89,10 @@ def page(diagnosis: Diagnosis, origin: Origin, files: Sequence[str] = ()) -> str
 
 def _nuisance(name: str, value: Value, prior: Value | None) -> tuple[str, str, str, str]:
     """Words, unit, value after the fit, and what it was before."""
-    return (*words_and_unit(name), within_90(value), "" if prior is None else within_90(prior))
+    words, unit = words_and_unit(name)
+    if name in PARAMETERS:
+        unit = PARAMETERS[name].unit
+    return words, unit, within_90(value), "" if prior is None else within_90(prior)
 
 
 def _text(text: str) -> str:
