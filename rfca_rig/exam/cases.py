@@ -30,10 +30,11 @@ NOTHING, MODEL_ERROR, SINGLE, PAIR, STRANGER, WRONG_LAW, POOR_DATA, MISLABEL, AP
 )
 KINDS = (*LEG_KINDS, *PENDULUM_KINDS)
 
+LEVELS = 5
 DEFAULT_NUMBERS: Mapping[str, int] = {
     NOTHING: 60,
     MODEL_ERROR: 60,
-    SINGLE: 135,
+    SINGLE: LEVELS * len(SPANS),
     PAIR: 70,
     STRANGER: 65,
     WRONG_LAW: 60,
@@ -44,10 +45,13 @@ DEFAULT_NUMBERS: Mapping[str, int] = {
     **dict(zip(PENDULUM_KINDS, (30, 60, 20, 20), strict=True)),
 }
 
-LEVELS = 5
 LATEST_S = 3e-3  # an adapter, a bus and the drive's own cycle
 # the second of each cannot be told from the first by a model that has one coordinate for both
-NEVER_TOGETHER = ({"motor_speed_droop", "shaft_compliance"}, {"sensor_lag", "clock_offset"})
+NEVER_TOGETHER = (
+    {"motor_speed_droop", "shaft_compliance"},
+    {"sensor_lag", "clock_offset"},
+    {"sensor_crosstalk", "sensor_crosstalk_matrix"},
+)
 
 Values = dict[str, float]
 
@@ -120,7 +124,7 @@ def _nothing(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: 
 def _single(case: Case, i: int, random: np.random.Generator) -> Case:
     """The effects in turn, and for each of them the five levels in turn; strides, so that a few cases are a mixture too."""
     effect = tuple(SPANS)[7 * i % len(SPANS)]
-    strength = ((i + i // len(SPANS)) % LEVELS + random.random()) / LEVELS
+    strength = ((i % len(SPANS) + i // len(SPANS)) % LEVELS + random.random()) / LEVELS
     return replace(case, effects={effect: values_of(effect, strength, random)}, strength=strength)
 
 
@@ -132,7 +136,7 @@ def _pair(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG
 
 
 def _stranger(case: Case, i: int, random: np.random.Generator) -> Case:
-    name, strength = NAMES[5 * i % len(NAMES)], float(random.uniform(0.2, 1.0))
+    name, strength = NAMES[7 * i % len(NAMES)], float(random.uniform(0.2, 1.0))
     return replace(case, strangers={name: stranger_values(name, strength, random)}, strength=strength)
 
 

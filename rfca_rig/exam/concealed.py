@@ -151,6 +151,44 @@ def sensor_gain(world: World, values: Values) -> World:
     return replace(world, sensing=replace(world.sensing, gain=values["factor"]))
 
 
+def hinge_quadratic_damping(world: World, values: Values) -> World:
+    quadratic = everywhere(values["coefficient_Nm_s2_per_rad2"])
+    return replace(world, hinges=replace(world.hinges, quadratic_Nm_s2_per_rad2=quadratic))
+
+
+def heavier_link(world: World, values: Values) -> World:
+    """Link 1 is at the shaft."""
+    mass = list(world.links.mass_kg)
+    mass[round(values["link"]) - 1] *= values["mass_factor"]
+    return replace(world, links=replace(world.links, mass_kg=tuple(mass)))
+
+
+def ground_exponent(world: World, values: Values) -> World:
+    """The same force as before at the depth where that is 20 N."""
+    floor, exponent = world.floor, values["exponent"]
+    depth_m = (20.0 / floor.stiffness) ** (1.0 / floor.exponent)
+    return replace(world, floor=replace(floor, exponent=exponent, stiffness=20.0 / depth_m**exponent))
+
+
+def sensor_saturation(world: World, values: Values) -> World:
+    return replace(world, sensing=replace(world.sensing, clip_N=values["limit_N"]))
+
+
+def sensor_ringing(world: World, values: Values) -> World:
+    sensing = replace(world.sensing, ringing_Hz=values["frequency_Hz"], ringing_ratio=values["damping_ratio"])
+    return replace(world, sensing=replace(sensing, y_frequency_ratio=values.get("y_frequency_ratio", 1.0)))
+
+
+def sensor_clock_rate(world: World, values: Values) -> World:
+    return replace(world, sensing=replace(world.sensing, clock_rate=values["rate_relative"]))
+
+
+def sensor_crosstalk_matrix(world: World, values: Values) -> World:
+    sensing = replace(world.sensing, fz_per_fy=values["fz_per_fy"], fy_per_fz=values["fy_per_fz"])
+    along, down = 1e-3 * values["tx_per_fy_mm"], 1e-3 * values["tx_per_fz_mm"]
+    return replace(world, sensing=replace(sensing, tx_per_fy_m=along, tx_per_fz_m=down))
+
+
 EFFECTS: Mapping[str, Callable[[World, Values], World]] = {
     effect.__name__: effect
     for effect in (
@@ -181,5 +219,12 @@ EFFECTS: Mapping[str, Callable[[World, Values], World]] = {
         sensor_crosstalk,
         sensor_drift,
         sensor_gain,
+        hinge_quadratic_damping,
+        heavier_link,
+        ground_exponent,
+        sensor_saturation,
+        sensor_ringing,
+        sensor_clock_rate,
+        sensor_crosstalk_matrix,
     )
 }

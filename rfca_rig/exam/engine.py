@@ -67,6 +67,7 @@ _DRIVE = (
     "ripple_cycles",
     "ripple_phase_rad",
     "cable_Nm",
+    "hose_Nm_per_rad",
 )
 
 
@@ -87,7 +88,7 @@ def _hinge(world: World) -> Floats:
 
 
 def _floor(world: World) -> Floats:
-    return np.array([float(getattr(world.floor, field.name)) for field in fields(world.floor)] + [world.mount.height_m])
+    return np.array([float(getattr(world.floor, field.name)) for field in fields(world.floor)] + [world.mount.height_m, 0.0, 0.0])
 
 
 def _mount(world: World) -> Floats:

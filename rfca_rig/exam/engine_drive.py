@@ -7,8 +7,8 @@ from rfca_rig.exam.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-# entries of `drive` (11)
-START, KP, KI, ROTOR, SHAFT, SHAFT_DAMPING, SHAFT_GAP, RIPPLE, CYCLES, PHASE, CABLE = range(11)
+# entries of `drive` (12)
+START, KP, KI, ROTOR, SHAFT, SHAFT_DAMPING, SHAFT_GAP, RIPPLE, CYCLES, PHASE, CABLE, HOSE = range(12)
 # entries of `motor` (4): commanded angle and speed, the motor's angle and speed
 TOLD, TOLD_SPEED, TURNED, TURNING = range(4)
 
@@ -68,6 +68,6 @@ def turn_rotor(drive: Floats, motor: Floats, told_before: float, back: float, h:
 
 
 @compiled
-def cable(drive: Floats, speed: float) -> float:
-    """What a cable drags at the shaft."""
-    return float(-drive[CABLE] * np.tanh(speed / CABLE_SPEED_RAD_S))
+def cable(drive: Floats, angle: float, speed: float) -> float:
+    """What a cable drags at the shaft, and how a hose turns it back."""
+    return float(-drive[CABLE] * np.tanh(speed / CABLE_SPEED_RAD_S) - drive[HOSE] * (angle - drive[START]))

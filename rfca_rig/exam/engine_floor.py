@@ -9,7 +9,7 @@ from rfca_rig.exam.engine_hinge import dahl
 
 Floats = NDArray[np.float64]
 
-# entries of `floor` (22)
+# entries of `floor` (30), the last two are how far it is shaken now, and how fast
 (
     STIFFNESS,
     DAMPING,
@@ -32,8 +32,16 @@ Floats = NDArray[np.float64]
     HOLD,
     MAGNET,
     REACH,
+    PATCH_AT,
+    PATCH_WIDTH,
+    PATCH_MU,
+    PATCH_STIFFNESS,
+    SHAKE,
+    SHAKE_HZ,
     HEIGHT,
-) = range(22)
+    SHAKEN,
+    SHAKING,
+) = range(30)
 
 TYPICAL_DEPTH_M = 3e-3  # under the paper's loads; laws of other powers are compared there
 DRAGGED_FROM_N = 1.0  # a viscous share needs contact: an end that is hardly pressed is hardly dragged
@@ -90,23 +98,33 @@ def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: flo
         rise, slope = elevation(floor, y)
         cos = 1.0 / np.sqrt(1.0 + slope * slope)
         sin = slope * cos
-        depth = (d - floor[HEIGHT] + rise) * cos + radius
+        depth = (d - floor[HEIGHT] + rise + floor[SHAKEN]) * cos + radius
         if depth <= 0.0:
             if keep:
                 used[k] = 0.0
             continue
-        rate = pose[VY, k + 1] * sin + pose[VD, k + 1] * cos
+        rate = pose[VY, k + 1] * sin + (pose[VD, k + 1] + floor[SHAKING]) * cos
         lever = radius - less_lever(floor, depth)
         slip = pose[VY, k + 1] * cos - pose[VD, k + 1] * sin - lever * pose[SPIN, k]
         share = dahl(used[k], slip * seconds, ELASTIC_SHARE * floor[PRESLIDING])
         if keep:
             used[k] = share
             continue
-        N = normal_force(floor, depth, rate)
-        F = -friction_limit(floor, slip, share) * abs(N) * share - floor[DRAG] * np.tanh(abs(N) / DRAGGED_FROM_N) * slip
+        N, mu = normal_force(floor, depth, rate), friction_limit(floor, slip, share)
+        if floor[PATCH_AT] < y < floor[PATCH_AT] + floor[PATCH_WIDTH]:
+            N, mu = N * floor[PATCH_STIFFNESS], mu * floor[PATCH_MU]
+        F = -mu * abs(N) * share - floor[DRAG] * np.tanh(abs(N) / DRAGGED_FROM_N) * slip
         load[FY, k] += F * cos - N * sin
         load[FD, k] -= F * sin + N * cos
         load[MOMENT, k] -= lever * F
+
+
+@compiled
+def shake(floor: Floats, t: float) -> None:
+    """Notes how far a floor that shakes is up at a time, and how fast it rises."""
+    if floor[SHAKE] != 0.0:
+        rate = 2.0 * np.pi * floor[SHAKE_HZ]
+        floor[SHAKEN], floor[SHAKING] = floor[SHAKE] * np.sin(rate * t), rate * floor[SHAKE] * np.cos(rate * t)
 
 
 @compiled

@@ -7,8 +7,9 @@ from rfca_rig.exam.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-# columns of `hinge` (n, 15), row 0 unused: the shaft has no spring
-K0, K2, DAMPING, GAP, PRESET, ASYMMETRY, QUADRATIC, STOP, STOP_STIFFNESS, PIN, LOOP, LOOP_ANGLE, ARM, ARM_TIME, PIN_CREEP = range(15)
+# columns of `hinge` (n, 18), row 0 unused: the shaft has no spring
+K0, K2, DAMPING, GAP, PRESET, ASYMMETRY, QUADRATIC, STOP, STOP_STIFFNESS = range(9)
+PIN, LOOP, LOOP_ANGLE, ARM, ARM_TIME, PIN_CREEP, DETENT, DETENTS, TENDON = range(9, 18)
 # columns of `memory` (n, 3): share of the pin's friction in use, the loop's share, the dashpot's angle
 PIN_SHARE, LOOP_SHARE, ARM_ANGLE = range(3)
 
@@ -57,6 +58,8 @@ def hinge_torque(phi: float, moved: float, seconds: float, hinge: Floats, memory
     over = abs(phi) - hinge[i, STOP]
     if over > 0.0:
         torque += hinge[i, STOP_STIFFNESS] * over * (1.0 if phi > 0.0 else -1.0)
+    if hinge[i, DETENT] != 0.0:
+        torque += hinge[i, DETENT] * np.sin(hinge[i, DETENTS] * phi)
     if hinge[i, PIN] != 0.0:
         torque += hinge[i, PIN] * dahl(memory[i, PIN_SHARE], moved, 0.5 * hinge[i, PIN_CREEP])
     if hinge[i, LOOP] != 0.0:

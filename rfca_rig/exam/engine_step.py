@@ -20,8 +20,8 @@ from rfca_rig.exam.engine_drive import (
     turn_rotor,
     twist,
 )
-from rfca_rig.exam.engine_floor import attract, drag, press
-from rfca_rig.exam.engine_hinge import DAMPING, QUADRATIC, hinge_torque, remember_hinge
+from rfca_rig.exam.engine_floor import attract, drag, press, shake
+from rfca_rig.exam.engine_hinge import DAMPING, QUADRATIC, TENDON, hinge_torque, remember_hinge
 
 Floats = NDArray[np.float64]
 
@@ -43,9 +43,12 @@ def load_bodies(rod: Floats, mount: Floats, floor: Floats, pose: Floats, used: F
 @compiled
 def resist(hinge: Floats, memory: Floats, phi: Floats, w: Floats, h: float, M: Floats, x: Floats) -> None:
     """Takes the hinges' torques off `x`, damping half implicitly."""
+    bent = 0.0
+    for i in range(1, hinge.shape[0]):
+        bent += phi[i]
     for i in range(1, hinge.shape[0]):
         damping = hinge[i, DAMPING] + hinge[i, QUADRATIC] * abs(w[i])
-        x[i] -= hinge_torque(phi[i], 0.5 * h * w[i], 0.5 * h, hinge, memory, i) + damping * w[i]
+        x[i] -= hinge_torque(phi[i], 0.5 * h * w[i], 0.5 * h, hinge, memory, i) + damping * w[i] + hinge[i, TENDON] * bent
         M[i, i] += 0.5 * h * damping
 
 
@@ -147,15 +150,17 @@ def run(
         told = motor[TOLD]
         advance_command(drive, knots, motor, t0 + step * h, h)
         drift(phi, w, gained, h, rate)
+        shake(floor, t0 + (step + 0.5) * h)
         place_bodies(rod, phi, rate, frame, lean, pose)
         load_bodies(rod, mount, floor, pose, used, h, load)
         gather(rod, pose, load, mount[GRAVITY_Y], mount[GRAVITY_D], lean, M, bias, lump)
-        balance(M, bias, cable(drive, rate[0]), A, x)
+        pulled = cable(drive, phi[0], rate[0])
+        balance(M, bias, pulled, A, x)
         resist(hinge, memory, phi, w, h, A, x)
         yield_frame(mount, hanging, phi, w, h, n, A, x)
         torque = solve(drive, motor, told, held, phi, w, h, A, x)
         press(floor, mount[RADIUS], pose, used, h, True, load)
-        feel(M, bias, lump, x, frame, mount, cable(drive, rate[0]), phi, now)
+        feel(M, bias, lump, x, frame, mount, pulled, phi, now)
         kick(hinge, memory, x, h, phi, w, gained)
         report_motor(drive, motor, told, torque, held, phi, w, h, now)
         row = sample(now, step, row, window, out)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.exam.engine import Traces, simulate
 from rfca_rig.exam.sensor import Noise, felt, recorded
-from rfca_rig.exam.world import HINGES, Sensing, World
+from rfca_rig.exam.world import HINGES, World
 
 Floats = NDArray[np.float64]
 
@@ -61,12 +61,14 @@ def static_table(
 
     The shaft moves between them at 1 rad/s and gets there and back to rest within `ramp_s`; the shorter, the more the tip is thrown back.
 
-    The sensor is tared at each stage: lag, clock and drift do not show.
+    The sensor is tared at each stage, and reads for a while: lag, ringing, clock, drift and hum do not show.
     """
     angles = tuple(angle for angle, _ in stages)
     knots, read_s = staged(world.drive.start_angle_rad, angles, ramp_s)
     traces = simulate(world, knots, read_s, width_s=READ_S, step_s=STEP_S)
-    steady = replace(world, sensing=replace(world.sensing, lag_s=0.0, clock_offset_s=0.0, drift_N_per_s=Sensing.drift_N_per_s))
+    steady = replace(
+        world, sensing=replace(world.sensing, lag_s=0.0, clock_offset_s=0.0, clock_rate=0.0, ringing_Hz=0.0, drift_N_per_s=0.0, hum_N=0.0)
+    )
     fy, fz, tx = felt(steady, traces)
     return [
         Stage(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.exam.compiled import compiled
 from rfca_rig.exam.engine import Traces
 from rfca_rig.exam.world import World
 
@@ -12,6 +13,7 @@ Floats = NDArray[np.float64]
 
 COUNT_N, COUNT_NM = 0.005, 5e-5  # last digit of force and torque
 ENCODER_RAD = 2.0 * np.pi / 2**16
+PIECES = 20  # of a sample's time in which a ringing sensor is stepped; 40 change a force by 1e-5 of itself
 NOISE_FX_N, NOISE_TY_NM = 0.1, 0.006
 NOISE_ANGLE_RAD, NOISE_SPEED_RAD_S, NOISE_MOTOR_NM = 1e-4, 0.01, 0.05
 
@@ -33,9 +35,18 @@ def felt(world: World, traces: Traces) -> tuple[Floats, Floats, Floats]:
     turned = traces.motor_angle_rad - world.drive.start_angle_rad
     fz = fz + sensing.cogging_N * np.sin(sensing.cogging_cycles * turned)
     fy, fz, tx = sensing.gain * fy, sensing.gain * fz * (1.0 + sensing.curvature_per_N * np.abs(fz)), sensing.gain * tx
-    fz = fz + sensing.fz_per_fy * fy
-    fy, fz, tx = (delayed(t, lagged(t, x, sensing.lag_s), sensing.clock_offset_s) for x in (fy, fz, tx))
-    return fy, np.clip(fz + sensing.drift_N_per_s * t, -sensing.clip_N, sensing.clip_N), tx
+    fz = followed(fz, sensing.play_N)
+    fz = fz + sensing.creep_share * lagged(t, fz, sensing.creep_s) if sensing.creep_share != 0.0 else fz
+    fy, fz, tx = fy + sensing.fy_per_fz * fz, fz + sensing.fz_per_fy * fy, tx + sensing.tx_per_fy_m * fy + sensing.tx_per_fz_m * fz
+    across_Hz = sensing.ringing_Hz * sensing.y_frequency_ratio
+    fy, fz, tx = (
+        rung(t, x, frequency_Hz, sensing.ringing_ratio) for x, frequency_Hz in ((fy, across_Hz), (fz, sensing.ringing_Hz), (tx, across_Hz))
+    )
+    fy, fz, tx = (delayed(t, lagged(t, x, sensing.lag_s), sensing.clock_offset_s + sensing.clock_rate * t) for x in (fy, fz, tx))
+    fz = fz + sensing.drift_N_per_s * t + sensing.hum_N * np.sin(2.0 * np.pi * sensing.hum_Hz * t)
+    fz = np.clip(fz, -sensing.clip_N, sensing.clip_N)
+    fz = np.where(np.abs(fz) < sensing.dead_N, 0.0, fz)
+    return fy, np.round(fz / sensing.digit_N) * sensing.digit_N if sensing.digit_N > 0.0 else fz, tx
 
 
 def lagged(t_s: Floats, x: Floats, tau_s: float) -> Floats:
@@ -49,9 +60,42 @@ def lagged(t_s: Floats, x: Floats, tau_s: float) -> Floats:
     return y
 
 
-def delayed(t_s: Floats, x: Floats, offset_s: float) -> Floats:
+def delayed(t_s: Floats, x: Floats, offset_s: float | Floats) -> Floats:
     """x as it was `offset_s` before; the ends are held."""
-    return x if offset_s == 0.0 else np.interp(t_s - offset_s, t_s, x)
+    return np.interp(t_s - offset_s, t_s, x) if np.any(offset_s) else x
+
+
+def rung(t_s: Floats, x: Floats, frequency_Hz: float, ratio: float) -> Floats:
+    """x through a mass on a spring, in short steps of kick and drift; at rest at the first sample."""
+    if frequency_Hz <= 0.0:
+        return x
+    y = x.copy()
+    swing_on(t_s, x, 2.0 * np.pi * frequency_Hz, ratio, y)
+    return y
+
+
+@compiled
+def swing_on(t_s: Floats, x: Floats, rate: float, ratio: float, y: Floats) -> None:
+    """y'' = w^2 (x - y) - 2 d w y' with x straight between samples, PIECES steps for each; half a drift, a kick, half a drift."""
+    place, speed = x[0], 0.0
+    for i in range(1, x.size):
+        h = (t_s[i] - t_s[i - 1]) / PIECES
+        for piece in range(PIECES):
+            place += 0.5 * h * speed
+            now = x[i - 1] + (x[i] - x[i - 1]) * (piece + 0.5) / PIECES
+            speed = (speed * (1.0 - h * ratio * rate) + h * rate * rate * (now - place)) / (1.0 + h * ratio * rate)
+            place += 0.5 * h * speed
+        y[i] = place
+
+
+def followed(x: Floats, half_width: float) -> Floats:
+    """x as one end of a play follows it: it stays until it is dragged."""
+    if half_width == 0.0:
+        return x
+    y = x.copy()
+    for i in range(1, len(x)):
+        y[i] = min(max(y[i - 1], x[i] - half_width), x[i] + half_width)
+    return y
 
 
 def recorded(world: World, traces: Traces, noise: Noise, random: np.random.Generator) -> dict[str, Floats]:

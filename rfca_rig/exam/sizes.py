@@ -63,6 +63,18 @@ SPANS: Mapping[str, Mapping[str, Span]] = {
     "sensor_crosstalk": {"fz_per_fy": Span(0.005, 0.1, either_sign=True)},
     "sensor_drift": {"rate_N_per_s": Span(0.15, 4.0, either_sign=True)},
     "sensor_gain": {"factor": Span(0.005, 0.08, either_sign=True, around=1.0)},
+    "hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": Span(0.01, 0.1)},
+    "heavier_link": {"mass_factor": Span(1.3, 3.0)},
+    "ground_exponent": {"exponent": Span(0.05, 0.5, either_sign=True, around=1.5)},
+    "sensor_saturation": {"limit_N": Span(40.0, 15.0)},
+    "sensor_ringing": {"frequency_Hz": Span(60.0, 12.0), "damping_ratio": Span(0.03, 0.3, free=True)},
+    "sensor_clock_rate": {"rate_relative": Span(0.001, 0.02, either_sign=True)},
+    "sensor_crosstalk_matrix": {
+        "fz_per_fy": Span(0.005, 0.1, either_sign=True),
+        "fy_per_fz": Span(0.005, 0.1, either_sign=True),
+        "tx_per_fy_mm": Span(0.2, 5.0, either_sign=True),
+        "tx_per_fz_mm": Span(0.2, 5.0, either_sign=True),
+    },
 }
 
 STRANGER_SPANS: Mapping[str, Mapping[str, Span]] = {
@@ -70,20 +82,30 @@ STRANGER_SPANS: Mapping[str, Mapping[str, Span]] = {
     "cable_drag": {"torque_Nm": Span(0.05, 0.5)},
     "force_cogging": {"force_N": Span(0.4, 3.0), "cycles_per_turn": Span(12.0, 48.0, free=True)},
     "hinge_asymmetry": {"share": Span(0.08, 0.4, either_sign=True)},
-    "hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": Span(0.01, 0.1)},
     "floor_magnet": {"force_N": Span(1.0, 8.0), "reach_mm": Span(5.0, 25.0, free=True)},
     "friction_by_direction": {"backward_share": Span(1.15, 2.0)},
     "sensor_curvature": {"per_N": Span(0.0006, 0.005, either_sign=True)},
-    "sensor_clipping": {"limit_N": Span(40.0, 15.0)},
-    "one_heavier_link": {"factor": Span(1.3, 3.0)},
     "stiffness_falls_with_repeats": {"share_per_repeat": Span(0.015, 0.06)},
     "floor_bump": {"height_mm": Span(0.8, 5.0), "at_mm": Span(40.0, 150.0, free=True), "width_mm": Span(10.0, 30.0, free=True)},
+    "sensor_play": {"half_width_N": Span(0.4, 3.0)},
+    "sensor_creep": {"share": Span(0.02, 0.2), "time_s": Span(0.2, 1.0, free=True)},
+    "mains_hum": {"amplitude_N": Span(0.3, 3.0), "frequency_Hz": Span(50.0, 100.0, free=True)},
+    "sensor_dead_band": {"below_N": Span(1.5, 8.0)},
+    "coarse_digits": {"digit_N": Span(1.0, 6.0)},
+    "hinge_detents": {"torque_Nm": Span(0.08, 0.6), "per_turn": Span(30.0, 90.0, free=True)},
+    "tendon": {"stiffness_Nm_per_rad": Span(0.1, 1.0)},
+    "slick_patch": {"friction_factor": Span(0.8, 0.3), "at_mm": Span(40.0, 120.0, free=True), "width_mm": Span(30.0, 80.0, free=True)},
+    "soft_patch": {"stiffness_factor": Span(0.7, 0.2), "at_mm": Span(40.0, 120.0, free=True), "width_mm": Span(30.0, 80.0, free=True)},
+    "shaking_floor": {"amplitude_mm": Span(0.1, 0.8), "frequency_Hz": Span(8.0, 40.0, free=True)},
+    "hose_at_the_shaft": {"stiffness_Nm_per_rad": Span(0.02, 0.3)},
 }
 
 
 def values_of(effect_id: str, strength: float, random: np.random.Generator) -> dict[str, float]:
     """Parameters of a catalogue effect at a strength from 0 to 1."""
     values = {name: span.at(strength, random) for name, span in SPANS[effect_id].items()}
+    if effect_id == "heavier_link":
+        values["link"] = float(random.integers(2, HINGES + 1))
     if effect_id in ("damaged_hinge", "hinge_rest_angle_of_one"):
         values["hinge"] = float(random.integers(2, HINGES + 1))  # the last one bends too little to tell
     return values
@@ -91,7 +113,4 @@ def values_of(effect_id: str, strength: float, random: np.random.Generator) -> d
 
 def stranger_values(name: str, strength: float, random: np.random.Generator) -> dict[str, float]:
     """Parameters of a stranger at a strength from 0 to 1."""
-    values = {key: span.at(strength, random) for key, span in STRANGER_SPANS[name].items()}
-    if name == "one_heavier_link":
-        values["link"] = float(random.integers(2, HINGES + 1))
-    return values
+    return {key: span.at(strength, random) for key, span in STRANGER_SPANS[name].items()}

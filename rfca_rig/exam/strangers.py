@@ -46,12 +46,6 @@ def hinge_asymmetry(world: World, values: Values) -> World:
     return replace(world, hinges=replace(world.hinges, asymmetry=everywhere(values["share"])))
 
 
-def hinge_quadratic_damping(world: World, values: Values) -> World:
-    """Hinge damping with the square of the rate."""
-    quadratic = everywhere(values["coefficient_Nm_s2_per_rad2"])
-    return replace(world, hinges=replace(world.hinges, quadratic_Nm_s2_per_rad2=quadratic))
-
-
 def floor_magnet(world: World, values: Values) -> World:
     """A floor that attracts the tip from afar."""
     return replace(world, floor=replace(world.floor, magnet_N=values["force_N"], magnet_reach_m=1e-3 * values["reach_mm"]))
@@ -67,22 +61,68 @@ def sensor_curvature(world: World, values: Values) -> World:
     return replace(world, sensing=replace(world.sensing, curvature_per_N=values["per_N"]))
 
 
-def sensor_clipping(world: World, values: Values) -> World:
-    """A sensor that saturates."""
-    return replace(world, sensing=replace(world.sensing, clip_N=values["limit_N"]))
-
-
-def one_heavier_link(world: World, values: Values) -> World:
-    """One link heavier than its fellows; link 1 is at the shaft."""
-    mass = list(world.links.mass_kg)
-    mass[round(values["link"]) - 1] *= values["factor"]
-    return replace(world, links=replace(world.links, mass_kg=tuple(mass)))
-
-
 def floor_bump(world: World, values: Values) -> World:
     """A bump where the tip slides."""
     height, at, width = (1e-3 * values[name] for name in ("height_mm", "at_mm", "width_mm"))
     return replace(world, floor=replace(world.floor, bump_m=height, bump_at_m=at, bump_width_m=width))
+
+
+def sensor_play(world: World, values: Values) -> World:
+    """A loop of fz, as of a mount that shifts under load."""
+    return replace(world, sensing=replace(world.sensing, play_N=values["half_width_N"]))
+
+
+def sensor_creep(world: World, values: Values) -> World:
+    """A reading of fz that creeps on after the force has come."""
+    return replace(world, sensing=replace(world.sensing, creep_share=values["share"], creep_s=values["time_s"]))
+
+
+def mains_hum(world: World, values: Values) -> World:
+    """Pick-up of the mains, or of its double, in fz."""
+    return replace(world, sensing=replace(world.sensing, hum_N=values["amplitude_N"], hum_Hz=values["frequency_Hz"]))
+
+
+def sensor_dead_band(world: World, values: Values) -> World:
+    """Small forces that read zero."""
+    return replace(world, sensing=replace(world.sensing, dead_N=values["below_N"]))
+
+
+def coarse_digits(world: World, values: Values) -> World:
+    """A converter of fz with too few digits for its range."""
+    return replace(world, sensing=replace(world.sensing, digit_N=values["digit_N"]))
+
+
+def hinge_detents(world: World, values: Values) -> World:
+    """Hinges that snap to even angles, as between magnets."""
+    detent, per_rad = everywhere(values["torque_Nm"]), everywhere(values["per_turn"])
+    return replace(world, hinges=replace(world.hinges, detent_Nm=detent, detents_per_rad=per_rad))
+
+
+def tendon(world: World, values: Values) -> World:
+    """An elastic cord along all hinges: each is pulled by the bend of all."""
+    return replace(world, hinges=replace(world.hinges, tendon_Nm_per_rad=everywhere(values["stiffness_Nm_per_rad"])))
+
+
+def slick_patch(world: World, values: Values) -> World:
+    """A patch of the floor with less friction, as where oil has dripped."""
+    at, width = 1e-3 * values["at_mm"], 1e-3 * values["width_mm"]
+    return replace(world, floor=replace(world.floor, patch_at_m=at, patch_width_m=width, patch_mu_factor=values["friction_factor"]))
+
+
+def soft_patch(world: World, values: Values) -> World:
+    """A patch of the floor that is softer, as over a hole under the mat."""
+    at, width = 1e-3 * values["at_mm"], 1e-3 * values["width_mm"]
+    return replace(world, floor=replace(world.floor, patch_at_m=at, patch_width_m=width, patch_stiffness_factor=values["stiffness_factor"]))
+
+
+def shaking_floor(world: World, values: Values) -> World:
+    """A machine next door that shakes the floor."""
+    return replace(world, floor=replace(world.floor, shake_m=1e-3 * values["amplitude_mm"], shake_Hz=values["frequency_Hz"]))
+
+
+def hose_at_the_shaft(world: World, values: Values) -> World:
+    """A stiff hose or cable that turns the shaft back to where it started."""
+    return replace(world, drive=replace(world.drive, hose_Nm_per_rad=values["stiffness_Nm_per_rad"]))
 
 
 STRANGERS: Mapping[str, Callable[[World, Values], World]] = {
@@ -92,13 +132,21 @@ STRANGERS: Mapping[str, Callable[[World, Values], World]] = {
         cable_drag,
         force_cogging,
         hinge_asymmetry,
-        hinge_quadratic_damping,
         floor_magnet,
         friction_by_direction,
         sensor_curvature,
-        sensor_clipping,
-        one_heavier_link,
         floor_bump,
+        sensor_play,
+        sensor_creep,
+        mains_hum,
+        sensor_dead_band,
+        coarse_digits,
+        hinge_detents,
+        tendon,
+        slick_patch,
+        soft_patch,
+        shaking_floor,
+        hose_at_the_shaft,
     )
 }
 NAMES = (*STRANGERS, "stiffness_falls_with_repeats")

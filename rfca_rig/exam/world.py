@@ -31,7 +31,7 @@ class Hinges:
     The spring k0 x (1 + k2 x^2) engages at x = phi - preset, less the play `gap` on either side; `asymmetry` makes it harder by
     that share for x > 0 and softer for x < 0. Beside it: damping linear and quadratic in the rate, a stop, dry friction of the pin,
     which is full after `pin_creep` of turn, a rate-independent loop (torque and angle at which it saturates), a spring in series with a
-    dashpot.
+    dashpot. Detents pull the hinge to even angles. A tendon along the leg pulls at every hinge in proportion to the whole bend.
     """
 
     k0_Nm_per_rad: tuple[float, ...]
@@ -49,6 +49,9 @@ class Hinges:
     arm_Nm_per_rad: tuple[float, ...] = everywhere(0.0)
     arm_s: tuple[float, ...] = everywhere(1.0)
     pin_creep_rad: tuple[float, ...] = everywhere(1e-3)
+    detent_Nm: tuple[float, ...] = everywhere(0.0)
+    detents_per_rad: tuple[float, ...] = everywhere(1.0)
+    tendon_Nm_per_rad: tuple[float, ...] = everywhere(0.0)
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,8 @@ class Floor:
     The floor rises by `slope`, and by a bump of Gaussian shape. `adhesion` pulls while touching, fully from about
     `adhesion_hold` of depth on; `magnet` pulls the tip from afar,
     half as strong at `magnet_reach / 2.41`, a quarter at `magnet_reach`. `lever_share` of the depth is taken off the lever of friction at
-    a typical depth; `lever_power` says how that grows with the depth.
+    a typical depth; `lever_power` says how that grows with the depth. On a patch from `patch_at` on, friction and stiffness are other by
+    these factors. The floor shakes up and down by `shake` at `shake_Hz`.
     """
 
     stiffness: float
@@ -84,13 +88,20 @@ class Floor:
     adhesion_hold_m: float = 2e-4
     magnet_N: float = 0.0
     magnet_reach_m: float = 1.0
+    patch_at_m: float = 0.0
+    patch_width_m: float = 0.0
+    patch_mu_factor: float = 1.0
+    patch_stiffness_factor: float = 1.0
+    shake_m: float = 0.0
+    shake_Hz: float = 1.0
 
 
 @dataclass(frozen=True)
 class DriveOf:
     """What turns the leg. Stiff unless said otherwise; `kp` > 0 puts a rotor under PI control of its speed.
 
-    `shaft_Nm_per_rad` > 0 is a twist between motor and leg, with play `shaft_gap` on either side. `cable_Nm` drags against the turn.
+    `shaft_Nm_per_rad` > 0 is a twist between motor and leg, with play `shaft_gap` on either side. `cable_Nm` drags against the turn,
+    and a hose turns the leg back to its start like a spring.
     `ramp_s` is how long the command takes to reach its speed, and `late_s` how long it takes to reach the drive.
     """
 
@@ -106,6 +117,7 @@ class DriveOf:
     ripple_cycles: float = 1.0
     ripple_phase_rad: float = 0.0
     cable_Nm: float = 0.0
+    hose_Nm_per_rad: float = 0.0
     late_s: float = 0.0
 
 
@@ -128,10 +140,12 @@ class Mount:
 
 @dataclass(frozen=True)
 class Sensing:
-    """What the sensor makes of the force, in this order: cogging, gain and curvature, crosstalk, lag, clock, drift, clipping.
+    """What the sensor makes of the force, in this order: cogging, gain and curvature, play, creep, crosstalk, ringing, lag, clock, drift,
+    hum, clipping, dead band and last digit.
 
-    `curvature_per_N` makes fz read fz (1 + curvature |fz|); `cogging` is a ripple of fz over the shaft angle;
-    `clip_N` is where fz saturates.
+    `curvature_per_N` makes fz read fz (1 + curvature |fz|); `cogging` is a ripple of fz over the shaft angle; `play_N` is half the width
+    of a loop of fz, as of a loose mount; fz creeps on by `creep_share` of itself within about `creep_s`; `hum` comes from the mains;
+    `clip_N` is where fz saturates, and what is smaller than `dead_N` reads zero. `y_frequency_ratio` is how much faster it rings along y.
     """
 
     lag_s: float = 0.0
@@ -143,6 +157,20 @@ class Sensing:
     clip_N: float = 1e9
     cogging_N: float = 0.0
     cogging_cycles: float = 1.0
+    ringing_Hz: float = 0.0
+    ringing_ratio: float = 0.1
+    y_frequency_ratio: float = 1.0
+    clock_rate: float = 0.0
+    fy_per_fz: float = 0.0
+    tx_per_fy_m: float = 0.0
+    tx_per_fz_m: float = 0.0
+    play_N: float = 0.0
+    creep_share: float = 0.0
+    creep_s: float = 1.0
+    hum_N: float = 0.0
+    hum_Hz: float = 50.0
+    dead_N: float = 0.0
+    digit_N: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,19 @@ class Parameter:
 
 
 @dataclass(frozen=True)
+class EqualLimit:
+    """A limit in which the law of an effect becomes that of another one, so that no data tell the two apart.
+
+    `other` is the id of that one, `words` the limit. `holds` says whether values of parameters and shape lie so near to it that the other
+    law, fitted anew, differs by less than a fifth of what the effect does, which is the error that laws are usually granted.
+    """
+
+    other: str
+    words: str
+    holds: Callable[[Values], bool]
+
+
+@dataclass(frozen=True)
 class Effect:
     """One entry of the catalogue.
 
@@ -54,6 +67,7 @@ class Effect:
     `same_as` names the believed value, as `fit` calls it, that does exactly the same where it is wrong: only how well that is known tells
     the two apart.
     `variant_of` names the most general effect of which this one is a special case, as dry friction is of Stribeck's.
+    `equal_limits` are those in which its law becomes that of another effect: a diagnosis then reports both as one set.
     `needs_k2`: its law is written in k0 and k2 of the spring, so that it has no meaning in a leg with a measured curve.
     """
 
@@ -69,6 +83,7 @@ class Effect:
     shape: tuple[Parameter, ...] = ()
     variant_of: str = ""
     needs_k2: bool = False
+    equal_limits: tuple[EqualLimit, ...] = ()
 
     def __post_init__(self) -> None:
         for parameter in self.shape:

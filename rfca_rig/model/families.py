@@ -34,7 +34,7 @@ FAMILIES = (
         "hinge_dissipation",
         "the hinges dissipate energy: friction, damping or hysteresis",
         "hinges",
-        frozenset(("hinge_coulomb_friction", "hinge_viscous_damping", "spring_hysteresis", "spring_relaxation")),
+        frozenset(("hinge_coulomb_friction", "hinge_viscous_damping", "hinge_quadratic_damping", "spring_hysteresis", "spring_relaxation")),
     ),
     Family(
         "spring_memory",
@@ -48,9 +48,14 @@ FAMILIES = (
         "hinges",
         frozenset(("hinge_backlash", "hinge_stop", "damaged_hinge", "stiffness_hardening", "hinge_rest_angle", "hinge_rest_angle_of_one")),
     ),
-    Family("leg_mass", "mass sits elsewhere on the leg", "tip", frozenset(("tip_mass", "added_mass"))),
+    Family("leg_mass", "mass sits elsewhere on the leg", "tip", frozenset(("tip_mass", "heavier_link", "added_mass"))),
     Family("floor_friction", "floor friction differs, or is not constant", "ground", frozenset(("ground_stribeck", "contact_friction"))),
-    Family("floor_yields", "the floor or what carries it yields", "ground", frozenset(("ground_compliance", "frame_compliance"))),
+    Family(
+        "floor_yields",
+        "the floor or what carries it yields",
+        "ground",
+        frozenset(("ground_compliance", "ground_exponent", "frame_compliance")),
+    ),
     Family(
         "contact_compliance",
         "the contacts yield, or lose energy, otherwise than in the model",
@@ -74,12 +79,17 @@ FAMILIES = (
     ),
     Family("drive_ripple", "the speed of the shaft varies with its angle", "drive", frozenset(("motor_speed_ripple",))),
     Family("air_drag", "the surroundings resist the motion", "surroundings", frozenset(("fluid_drag",))),
-    Family("sensor_late", "the sensor is late: a filter or a delay", "sensor", frozenset(("sensor_lag", "clock_offset"))),
+    Family(
+        "sensor_late",
+        "the sensor is late: a filter, a delay or its own swing",
+        "sensor",
+        frozenset(("sensor_lag", "sensor_ringing", "clock_offset", "sensor_clock_rate")),
+    ),
     Family(
         "sensor_scale",
-        "the scale of the sensor is wrong: gain or crosstalk",
+        "the scale of the sensor is wrong: gain, crosstalk or saturation",
         "sensor",
-        frozenset(("sensor_gain", "sensor_gain_of_one", "sensor_crosstalk")),
+        frozenset(("sensor_gain", "sensor_gain_of_one", "sensor_crosstalk", "sensor_crosstalk_matrix", "sensor_saturation")),
     ),
     Family("sensor_zero", "the zero of the force sensor moves", "sensor", frozenset(("sensor_drift",))),
     Family(

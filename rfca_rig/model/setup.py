@@ -62,8 +62,8 @@ class JointReadings:
 @dataclass(frozen=True)
 class Setup:
     """What is simulated. Effects replace what they change: `rig` and `height_m`, the `motion`, the finished `chain` through
-    `chain_changes`, laws inside it, the drive, what the sensor makes of it, or how what swings stands in the beginning. Only pendulums have
-    `joint_readings`.
+    `chain_changes`, laws inside it (`laws_of_chain` are those that depend on what else has changed in it), the drive, what the sensor makes
+    of it, or how what swings stands in the beginning. Only pendulums have `joint_readings`.
     """
 
     rig: RigModel
@@ -71,6 +71,7 @@ class Setup:
     motion: ShaftMotion
     chain_changes: tuple[Callable[[Chain], Chain], ...] = ()
     laws: tuple[LawUse, ...] = ()
+    laws_of_chain: tuple[Callable[[Chain], LawUse], ...] = ()
     drive: SoftDrive | None = None
     sensor_changes: tuple[Callable[[Felt], Felt], ...] = field(default=())
     begins: tuple[Callable[[Chain, State], None], ...] = ()
@@ -85,11 +86,12 @@ class Setup:
 
     def compiled_laws(self, chain: Chain) -> Laws | None:
         """The laws of effects as the compiled chain wants them; None for a plain chain."""
-        if not self.laws and chain.frame_mass == 0.0:
+        laws = (*self.laws, *(law(chain) for law in self.laws_of_chain))
+        if not laws and chain.frame_mass == 0.0:
             return None
-        for use in self.laws:
+        for use in laws:
             check(use)
-        return laws_of(self.laws)
+        return laws_of(laws)
 
     @property
     def begins_s(self) -> float:

@@ -12,6 +12,7 @@ from rfca_rig.diagnosis.decision.comparison import Comparison, compare
 from rfca_rig.diagnosis.decision.decide import Supported, _best_family, _families_of_best, decide_from, support_of_best
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
 from rfca_rig.diagnosis.decision.wording import describe
+from rfca_rig.model.effect import EqualLimit
 from rfca_rig.model.families import members_of
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, found_among, present, recorded
 
@@ -284,16 +285,16 @@ def test_where_the_model_predicts_as_usual_without_effects_an_effect_must_be_sur
 def test_a_law_of_which_the_effect_is_a_special_case_is_no_rival(gained):
     """As if crosstalk were a gain of each channel: it predicts the same, and that does not speak against the gain."""
 
-    def as_variant(one):
+    def as_variant(one, of):
         coordinates = one.hypothesis.fitted.coordinates
-        terms = [replace(term, effect=replace(term.effect, variant_of="sensor_crosstalk")) for term in coordinates.choices]
+        terms = [replace(term, effect=replace(term.effect, variant_of=of)) for term in coordinates.choices]
         fitted = replace(one.hypothesis.fitted, coordinates=coordinates.with_terms(terms))
         return replace(one, hypothesis=replace(one.hypothesis, fitted=fitted))
 
     crosstalk = next(one for one in gained.ranked if one.ids == ("sensor_crosstalk",))
-    behind = replace(crosstalk, log_joint=gained.best.log_joint - AS_GOOD - 1.0)
+    behind = replace(as_variant(crosstalk, ""), log_joint=gained.best.log_joint - AS_GOOD - 1.0)
     others = [one for one in gained.ranked if one.ids not in (("sensor_gain",), ("sensor_crosstalk",))]
-    ranked = (as_variant(gained.best), behind, *others)
+    ranked = (as_variant(gained.best, "sensor_crosstalk"), behind, *others)
     comparison = _with(Comparison(gained.result, ranked), "_signatures", gained._signatures)
     assert gained.variants_of("sensor_gain") == ()
     assert comparison.variants_of("sensor_gain") == ("sensor_crosstalk",)
@@ -343,3 +344,21 @@ def test_of_two_families_that_are_as_probable_the_larger_is_stated(of_memory, ex
     )
     supported = [Supported("family", name, p, {}) for name, p in (("hinge_dissipation", 0.85), ("spring_memory", of_memory))]
     assert _best_family(comparison, supported).id == expected
+
+
+@pytest.mark.parametrize("holds", [True, False])
+def test_a_law_that_the_effect_becomes_in_a_limit_is_reported_with_it_where_the_limit_holds(gained, holds):
+    def with_limit(one):
+        coordinates = one.hypothesis.fitted.coordinates
+        limit = EqualLimit("sensor_crosstalk", "-", lambda values: (values["factor"] > 1.1) == holds)
+        terms = [replace(term, effect=replace(term.effect, equal_limits=(limit,))) for term in coordinates.choices]
+        fitted = replace(one.hypothesis.fitted, coordinates=coordinates.with_terms(terms))
+        return replace(one, hypothesis=replace(one.hypothesis, fitted=fitted))
+
+    ranked = tuple(with_limit(one) if one.ids == ("sensor_gain",) else one for one in gained.ranked)
+    comparison = _with(Comparison(gained.result, ranked), "_signatures", gained._signatures)
+    decision = decide_from(comparison, support_of_best(comparison))
+    assert [effect.cannot_tell_from for effect in decision.effects] == [("sensor_crosstalk",) if holds else ()]
+    rival = comparison.support(("sensor_gain", "sensor_crosstalk") if holds else ("sensor_gain",))
+    values = next(one.values for one in support_of_best(comparison) if one.kind == "effect")
+    assert values["log_bayes_factor"] == pytest.approx(np.log1p(rival.log_bayes_factor))

@@ -62,7 +62,7 @@ def deviations(law, truth):
 
 @pytest.mark.slow
 def test_a_quadratic_damping_of_the_hinges_is_measured_within_its_band(tmp_path):
-    found, _ = searched(tmp_path, strangers={"hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": 0.05}})
+    found, _ = searched(tmp_path, effects={"hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": 0.05}})
     law = measure_law(found, "hinges", found.nothing, ["rate_rad_s", "angle_rad"])
     assert (law.argument, law.unit, law.argument_unit) == ("rate_rad_s", "N m", "rad/s")
     off = deviations(law, lambda u: 0.05 * u + 0.05 * u * abs(u))

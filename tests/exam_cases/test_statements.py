@@ -39,8 +39,8 @@ def family(name, p=0.9):
         (truth(effects=FRICTION), family("spring_memory"), [(0.9, True)]),
         (truth(effects=PLAY), family("spring_memory"), [(0.9, False)]),
         # of an effect outside the catalogue only the family can be right
-        (truth(kind=cases.STRANGER, strangers={"one_heavier_link": {}}), family("leg_mass"), [(0.9, True)]),
-        (truth(kind=cases.STRANGER, strangers={"one_heavier_link": {}}), stated(claim("tip_mass")), [(0.9, False)]),
+        (truth(kind=cases.STRANGER, strangers={"tendon": {}}), family("hinge_stiffness"), [(0.9, True)]),
+        (truth(kind=cases.STRANGER, strangers={"tendon": {}}), stated(claim("tip_mass")), [(0.9, False)]),
         (truth(effects=PLAY), stated(claim("tip_mass"), grade="unexplained"), []),
     ],
 )
@@ -74,7 +74,7 @@ def test_sizes_families_and_triples():
 
 
 def test_places_and_calibration():
-    bump, heavier = (truth(kind=cases.STRANGER, strangers={name: {}}) for name in ("floor_bump", "one_heavier_link"))
+    bump, cord = (truth(kind=cases.STRANGER, strangers={name: {}}) for name in ("floor_bump", "tendon"))
     found = scored(
         (
             bump,
@@ -84,8 +84,8 @@ def test_places_and_calibration():
                 support=(("effect", frozenset({"ground_tilt"}), 0.4), ("family", frozenset({"floor_geometry"}), 0.6)),
             ),
         ),
-        (heavier, stated(grade="unexplained", place="sensor", support=(("effect", frozenset({"tip_mass"}), 0.1),))),
-        (heavier, stated(grade="unexplained")),
+        (cord, stated(grade="unexplained", place="sensor", support=(("effect", frozenset({"tip_mass"}), 0.1),))),
+        (cord, stated(grade="unexplained")),
     )
     assert found.place == (1, 2)
     # 0.4 of an effect that is not there, 0.6 of a family that is: each misses by 0.4; 0.1 is below what counts

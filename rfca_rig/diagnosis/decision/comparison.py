@@ -148,6 +148,14 @@ class Comparison:
         alike = {other.id for other in effects.values() if (other.variant_of or other.id) == general}
         return tuple(sorted(alike - {name} - set(self.best.ids)))
 
+    def equals_of(self, one: ScaledHypothesis, name: str) -> tuple[str, ...]:
+        """The effects whose law that of one effect of a hypothesis becomes in a limit, where its fitted values lie in this limit."""
+        coordinates = one.hypothesis.fitted.coordinates
+        number = one.ids.index(name)
+        term = coordinates.choices[number]
+        values = dict(term.present(one.hypothesis.fitted.x[coordinates.part(number)]).values)
+        return tuple(sorted(limit.other for limit in term.effect.equal_limits if limit.other not in one.ids and limit.holds(values)))
+
     def _is_as_good(self, one: ScaledHypothesis) -> bool:
         """Whether the data do not tell a hypothesis from the best one, or would not if the model erred by as much as models usually do."""
         likelihood = self.result.likelihood

@@ -193,14 +193,15 @@ def _is_dominant(comparison: Comparison, one: ScaledHypothesis) -> bool:
 def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
     """The support of every effect of the best explanation, and of every family that one of them belongs to.
 
-    The rival has none of the effects that are as good, and no variant of the effect, which would predict the same.
+    The rival has none of the effects that are as good, no variant of the effect, and none whose law its own becomes where it
+    lies: they would predict the same.
 
     A family is at least as probable as an effect whose class lies within it: that the effect is there implies the family.
     """
     found: list[Supported] = []
     for effect_id in comparison.best.ids:
-        alike = comparison.as_good_as(effect_id)
-        values = support_values(comparison.support((effect_id, *alike, *comparison.variants_of(effect_id))))
+        alike, equal = comparison.as_good_as(effect_id), comparison.equals_of(comparison.best, effect_id)
+        values = support_values(comparison.support((effect_id, *alike, *comparison.variants_of(effect_id), *equal)))
         without = comparison.law_error_without(effect_id)
         found.append(Supported("effect", effect_id, calibration_of("effect").probability(values), values, alike, without))
     for family in _families_of_best(comparison).values():
@@ -275,7 +276,9 @@ def _describe_effect(comparison: Comparison, hypothesis: Hypothesis, number: int
         probability=min(supported.probability, 0.999),
         parameters=parameters,
         shape=shape,
-        cannot_tell_from=tuple(sorted({*supported.cannot_tell_from, *_family_rivals(comparison, one, effect.id)})),
+        cannot_tell_from=tuple(
+            sorted({*supported.cannot_tell_from, *comparison.equals_of(one, effect.id), *_family_rivals(comparison, one, effect.id)})
+        ),
         wording=off if law_error < 1.0 else "these data do not tell how well the law holds",
     )
 

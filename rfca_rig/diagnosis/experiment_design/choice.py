@@ -68,15 +68,15 @@ class Design:
 
 # Kind, usual minutes of a person, the effects whose presence it shows whatever the rig does, and how
 BENCH_TESTS = (
-    ("known weight on each axis", 20.0, "sensor_gain sensor_crosstalk",
+    ("known weight on each axis", 20.0, "sensor_gain sensor_crosstalk sensor_crosstalk_matrix sensor_saturation",
      "hang a known weight on the sensor along each axis and compare all channels"),
-    ("tap test", 15.0, "sensor_lag clock_offset frame_compliance",
+    ("tap test", 15.0, "sensor_lag sensor_ringing clock_offset sensor_clock_rate frame_compliance",
      "tap the sensor and its frame with the motor held, record fast: a lag rounds the tap, a clock only shifts it, a frame rings"),
     ("rest pose", 15.0, "gravity_tilt ground_tilt",
      "put a spirit level on rig and floor, and record the hanging leg at rest at three shaft angles"),
     ("zero before and after", 10.0, "sensor_drift", "record the sensor without load before and after a run"),
     ("gauge block", 10.0, "height_offset", "measure the shaft's height above the plate with a gauge block"),
-    ("weighing", 20.0, "tip_mass added_mass", "take the leg off and weigh it link by link"),
+    ("weighing", 20.0, "tip_mass heavier_link added_mass", "take the leg off and weigh it link by link"),
     ("balancing", 20.0, "centre_of_mass", "take the links off and balance each on an edge"),
     ("blocked joint", 15.0, "gear_compliance gear_compliance_of_one gear_backlash gear_backlash_of_one",
      "block each link, push both ways with its motor and read the encoder: elasticity is a slope over the torque, play a step at zero"),

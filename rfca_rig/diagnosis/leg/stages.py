@@ -23,7 +23,9 @@ HINGE_NOISE_DEG = 0.2  # of a red mark in a photograph, where the table does not
 STAGE_APART_RAD = 0.4  # stages this far apart err on their own
 IN_MOTION_ONLY = (
     "sensor_lag",
+    "sensor_ringing",
     "clock_offset",
+    "sensor_clock_rate",
     "sensor_drift",
     "motor_speed_droop",
     "motor_speed_ripple",

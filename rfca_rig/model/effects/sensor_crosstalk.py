@@ -21,4 +21,5 @@ EFFECT = Effect(
     source="off-diagonal term of the calibration matrix",
     parameters=(Parameter("fz_per_fy", -0.2, 0.2),),
     apply=apply,
+    variant_of="sensor_crosstalk_matrix",
 )

@@ -11,6 +11,7 @@ from tests.model.effects.rigs import paper_stroke
 PARAMETERS = {
     "hinge_coulomb_friction": ("torque_Nm",),
     "hinge_viscous_damping": ("coefficient_Nm_s_per_rad",),
+    "hinge_quadratic_damping": ("coefficient_Nm_s2_per_rad2",),
     "hinge_backlash": ("half_gap_deg",),
     "hinge_stop": ("angle_deg", "stiffness_Nm_per_rad"),
     "spring_hysteresis": ("strength_relative", "saturation_deg"),
@@ -20,8 +21,10 @@ PARAMETERS = {
     "hinge_rest_angle": ("angle_deg",),
     "hinge_rest_angle_of_one": ("hinge", "angle_deg"),
     "tip_mass": ("mass_g",),
+    "heavier_link": ("link", "mass_factor"),
     "ground_stribeck": ("rise_relative", "speed_m_s"),
     "ground_compliance": ("stiffness_N_per_m1p5",),
+    "ground_exponent": ("exponent",),
     "ground_tilt": ("slope",),
     "ground_adhesion": ("force_N",),
     "motor_speed_droop": ("kp_Nm_s_per_rad", "ki_Nm_per_rad"),
@@ -32,8 +35,12 @@ PARAMETERS = {
     "gravity_tilt": ("angle_rad",),
     "fluid_drag": ("coefficient_N_s2_per_m3",),
     "sensor_lag": ("time_constant_s",),
+    "sensor_ringing": ("frequency_Hz", "damping_ratio"),
     "clock_offset": ("offset_s",),
+    "sensor_clock_rate": ("rate_relative",),
     "sensor_crosstalk": ("fz_per_fy",),
+    "sensor_crosstalk_matrix": ("fz_per_fy", "fy_per_fz", "tx_per_fy_mm", "tx_per_fz_mm"),
+    "sensor_saturation": ("limit_N",),
     "sensor_drift": ("rate_N_per_s",),
     "sensor_gain": ("factor",),
     "joint_friction": ("torque_Nm",),
@@ -84,3 +91,9 @@ def test_other_parameters_than_its_own_are_refused_in_one_line(values):
 def test_a_hinge_the_leg_does_not_have_is_refused_in_one_line(hinge):
     with pytest.raises(BadInput, match=r"damaged_hinge: hinge .* 2 to 7"):
         paper_stroke(damaged_hinge={"hinge": hinge, "stiffness_factor": 0.5})
+
+
+@pytest.mark.parametrize("link", [0.0, 8.0])
+def test_a_link_the_leg_does_not_have_is_refused_in_one_line(link):
+    with pytest.raises(BadInput, match=r"heavier_link: link .* 1 to 7"):
+        paper_stroke(heavier_link={"link": link, "mass_factor": 2.0})

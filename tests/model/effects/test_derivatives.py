@@ -17,6 +17,7 @@ SWAYS = {"frame_compliance": FRAME["frame_compliance"] | {"lean_deg": 60.0}}
 TILT = {"ground_tilt": {"slope": 0.1}}
 ADHESION = {"ground_adhesion": {"force_N": 200.0}}
 STRIBECK = {"ground_stribeck": {"rise_relative": 1.0, "speed_m_s": 0.3}}
+LINE = {"ground_exponent": {"exponent": 1.0}}
 ONLY_IN_POSITION = (0.0, 0.0, 1.0)
 ONLY_IN_SPEED = (0.0, 1.0, 0.0)
 
@@ -69,6 +70,9 @@ def differenced(effects, weights):
         FRAME | TILT,
         SWAYS | TILT,
         FRAME | TILT | ADHESION | STRIBECK,
+        LINE | TILT | STRIBECK,
+        {"hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": 0.3}},
+        {"heavier_link": {"link": 3.0, "mass_factor": 3.0}} | FRAME,
     ],
     ids=" ".join,
 )

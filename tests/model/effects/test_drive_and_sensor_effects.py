@@ -90,6 +90,51 @@ def test_a_lag_reaches_all_channels():
     assert late.tx_Nm[2000:] == pytest.approx(gain * np.cos(3 * t - phase)[2000:], abs=1e-6)
 
 
+def test_a_ringing_sensor_answers_a_vibration_with_the_gain_and_phase_of_its_mode():
+    t = np.linspace(-3.0, 3.0, 6001)
+    for ratio in (1.0, 2.0):  # of the frequency along y
+        swung = felt(t, sensor_ringing={"frequency_Hz": 1.5, "damping_ratio": 0.4, "y_frequency_ratio": ratio})
+        w = 2 * np.pi * 1.5 * ratio
+        answer = w * w / (w * w - 9.0 + 0.8j * w * 3.0)
+        late = slice(4000, None)
+        assert swung.fy_N[late] == pytest.approx(np.imag(answer * np.exp(3j * t))[late], abs=1e-4)
+        assert swung.tx_Nm[late] == pytest.approx(np.real(answer * np.exp(3j * t))[late], abs=1e-4)
+
+
+def test_a_ringing_sensor_overshoots_a_step_and_settles_on_it():
+    t = np.linspace(0.0, 3.0, 3001)
+    setup = set_up(having(PAPER, sensor_ringing={"frequency_Hz": 10.0, "damping_ratio": 0.1}), 0.2, held(0.2))
+    step = setup.felt(Felt(t, 0.0 * t, np.where(t > 0.0, 5.0, 2.0), 0.0 * t, 0.0 * t)).fz_N
+    assert step.max() - 5.0 == pytest.approx(3.0 * np.exp(-np.pi * 0.1 / np.sqrt(0.99)), rel=2e-3)
+    assert step[-1] == pytest.approx(5.0, abs=1e-6)
+
+
+def test_a_saturated_sensor_cuts_fz_alone_off_either_way():
+    t = np.linspace(-2.0, 2.0, 401)
+    cut, whole = felt(t, sensor_saturation={"limit_N": 9.0}), felt(t)
+    assert (np.abs(cut.fz_N) <= 9.0).all() and cut.fz_N.max() == 9.0
+    inside = np.abs(whole.fz_N) < 9.0
+    assert (cut.fz_N[inside] == whole.fz_N[inside]).all() and (cut.fy_N == whole.fy_N).all() and (cut.tx_Nm == whole.tx_Nm).all()
+    setup = set_up(having(PAPER, sensor_saturation={"limit_N": 9.0}), 0.2, held(0.2))
+    assert setup.felt(Felt(t, t, -20.0 + t, t, t)).fz_N == pytest.approx(-9.0)
+
+
+def test_a_fast_force_clock_is_later_the_longer_the_motion_lasts():
+    t = np.linspace(-1.0, 1.0, 20001)
+    late, inside = felt(t, sensor_clock_rate={"rate_relative": 0.02}), slice(300, -300)
+    assert late.fy_N[inside] == pytest.approx(np.sin(3 * 0.98 * t)[inside], abs=1e-7)
+    assert late.fz_N[inside] == pytest.approx((np.maximum(0.98 * t, 0.0) * 7.0 + 2.0)[inside], abs=1e-3)
+
+
+def test_the_crosstalk_matrix_leaks_what_the_channels_are_before_any_leak():
+    t = np.linspace(-1.0, 1.0, 101)
+    plain = felt(t)
+    leaked = felt(t, sensor_crosstalk_matrix={"fz_per_fy": 0.1, "fy_per_fz": 0.2, "tx_per_fy_mm": 3.0, "tx_per_fz_mm": -4.0})
+    assert leaked.fy_N == pytest.approx(plain.fy_N + 0.2 * plain.fz_N, abs=1e-12)
+    assert leaked.fz_N == pytest.approx(plain.fz_N + 0.1 * plain.fy_N, abs=1e-12)
+    assert leaked.tx_Nm == pytest.approx(plain.tx_Nm + 3e-3 * plain.fy_N - 4e-3 * plain.fz_N, abs=1e-12)
+
+
 @pytest.mark.parametrize("offset", [0.02, -0.02])
 def test_a_clock_behind_shows_the_force_later(offset):
     t = np.linspace(-1.0, 1.0, 20001)

@@ -53,6 +53,37 @@ def test_a_soft_floor_yields_besides_the_contact():
     assert pytest.approx(depth, rel=1e-9) == (N / 1e5) ** (2 / 3) + (N / 2e4) ** (2 / 3)
 
 
+@pytest.mark.parametrize("exponent", [1.0, 2.0])
+def test_a_contact_of_another_exponent_presses_as_before_at_20_N_and_by_its_power_elsewhere(exponent):
+    angle, reference = 0.8, (20.0 / 1e5) ** (2 / 3)
+    for depth in (0.3 * reference, reference, 1.5 * reference):
+        rig = having(STIFF, ground_exponent={"exponent": exponent})
+        N = stroke_following(rig, 0.3 * np.sin(angle) - depth, held(angle), np.array([0.0, 0.1])).normal_N[:, 0]
+        assert pytest.approx(20.0 * (depth / reference) ** exponent, rel=1e-6) == N
+
+
+@pytest.mark.parametrize("order", [("ground_compliance", "ground_exponent"), ("ground_exponent", "ground_compliance")])
+def test_the_exponent_acts_on_the_contact_that_the_other_effects_leave(order):
+    values = {"ground_compliance": {"stiffness_N_per_m1p5": 2e4}, "ground_exponent": {"exponent": 1.0}}
+    angle, reference = 0.8, (20.0 / 1e5) ** (2 / 3) + (20.0 / 2e4) ** (2 / 3)
+    rig = having(STIFF, **{name: values[name] for name in order})
+    N = stroke_following(rig, 0.3 * np.sin(angle) - 0.5 * reference, held(angle), np.array([0.0, 0.1])).normal_N[:, 0]
+    assert pytest.approx(10.0, rel=1e-6) == N
+
+
+@pytest.mark.parametrize(("damping", "leaving_share"), [(0.0, 1.0), (1.0, 1.0), (1.0, 0.4)])
+def test_a_contact_of_another_exponent_gives_back_no_more_than_it_took(damping, leaving_share):
+    rig = replace(STIFF, ground=replace(STIFF.ground, damping_s_per_m=damping, leaving_damping_share=leaving_share))
+    rig = having(rig, ground_exponent={"exponent": 1.0})
+    t = np.linspace(0.0, 0.2, 4001)
+    stroke = stroke_following(rig, 0.3 * np.sin(0.8), through([0.0, 0.1, 0.2], [0.75, 0.85, 0.75]), t)
+    depth = np.maximum(0.3 * (np.sin(stroke.q_rad[:, 0]) - np.sin(0.8)), 0.0)
+    work = float(np.sum(0.5 * (stroke.normal_N[1:, 0] + stroke.normal_N[:-1, 0]) * np.diff(depth)))
+    stored = 0.5 * 20.0 / (20.0 / 1e5) ** (2 / 3) * depth.max() ** 2
+    taken = stored * damping * (1.0 + leaving_share) * 0.3 * np.cos(0.825)  # sinks and rises at about that speed
+    assert work == pytest.approx(taken, abs=2e-2 * stored)
+
+
 def test_an_end_that_leaves_is_damped_by_the_share_of_what_one_that_enters_is():
     """One rigid link dips into the floor and comes out again, at 1 rad/s: at one depth twice, once each way."""
     damped = replace(STIFF, ground=replace(STIFF.ground, damping_s_per_m=1.0, leaving_damping_share=0.4))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from rfca_rig.model.chain import advance, room_for
 from rfca_rig.model.parameters import Ground
@@ -166,6 +167,20 @@ def test_more_viscous_damping_rings_down_faster():
     decay, rate = c / (2 * INERTIA), np.sqrt(K0 / INERTIA)
     own = np.sqrt(rate**2 - decay**2)
     assert phi == pytest.approx(0.01 * np.exp(-decay * t) * (np.cos(own * t) + decay / own * np.sin(own * t)), abs=2e-6)
+
+
+def test_quadratic_damping_takes_its_work_out_of_each_swing():
+    """With b = 2 c / I, the ends A and B of a swing obey (1 - b B) exp(b B) = (1 + b A) exp(-b A): the energy less the work of c phi'^2."""
+    c, start = 0.02, 0.5
+    t = np.arange(1, 1700) * 1e-3
+    phi = bent(released(having(SPRUNG, hinge_quadratic_damping={"coefficient_Nm_s2_per_rad2": c}), [0.0, start], t))
+    b, end = 2 * c / INERTIA, start
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(phi)))) + 1
+    for turn in turns[:3]:
+        expected = brentq(lambda x, a=end: (1 - b * x) * np.exp(b * x) - (1 + b * a) * np.exp(-b * a), 0.0, end)
+        assert abs(phi[turn]) == pytest.approx(expected, abs=2e-6)
+        end = expected
+    assert end < 0.8 * start
 
 
 @pytest.mark.parametrize("let_go", [0.0, 1.0, 2.0])

@@ -81,6 +81,21 @@ def test_a_mass_at_the_tip_weighs_and_is_carried_along():
     assert stroke.fy_N[part] == pytest.approx((y_dd - stroke.tangential_N.sum(axis=1))[part], abs=0.15)
 
 
+@pytest.mark.parametrize("link", [1, 4, 7])
+def test_a_heavier_link_is_a_leg_with_that_mass(link):
+    """Of uniform rods again, so that energy and momentum are those of the plain chain."""
+    masses = MASSES.copy()
+    masses[link - 1] *= 2.5
+    leg = replace(PAPER.leg, link_masses_kg=tuple(masses))
+    mine, theirs = (
+        set_up(rig, NO_GROUND_M, held(0.2)).chain()
+        for rig in (having(PAPER, heavier_link={"link": float(link), "mass_factor": 2.5}), replace(PAPER, leg=leg))
+    )
+    assert mine.moment == pytest.approx(theirs.moment, rel=1e-12)
+    assert mine.first_moment == pytest.approx(theirs.first_moment, rel=1e-12)
+    assert mine.total_mass == pytest.approx(theirs.total_mass, rel=1e-12)
+
+
 def test_a_tip_mass_in_grams_is_an_added_mass_in_kilograms():
     t = np.linspace(0.01, 0.3, 30)
     grams, kilograms = (

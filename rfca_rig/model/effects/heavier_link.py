@@ -1,0 +1,42 @@
+"""One link that is heavier (or lighter) than its fellows."""
+
+import numpy as np
+
+from rfca_rig.errors import BadInput
+from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.setup import Setup, with_chain
+from rfca_rig.model.state import Chain
+
+
+def apply(setup: Setup, values: Values) -> Setup:
+    """Raises BadInput for a link that the leg does not have."""
+    leg = setup.rig.leg
+    last = len(leg.link_masses_kg)
+    if not 0.5 <= values["link"] < last + 0.5:
+        raise BadInput(f"effect heavier_link: link {values['link']:g} is not there; this leg has links 1 to {last}")
+    link = round(values["link"]) - 1
+    more_kg, length_m = (values["mass_factor"] - 1.0) * leg.link_masses_kg[link], leg.link_lengths_m[link]
+
+    def load(chain: Chain) -> Chain:
+        # a uniform rod: the links before it carry it at their far ends, it carries itself at its middle
+        reach = np.where(np.arange(last) < link, chain.length, 0.0)
+        reach[link] = 0.5 * length_m
+        moment = chain.moment + more_kg * np.outer(reach, reach)
+        moment[link, link] += more_kg * length_m**2 / 12.0
+        return chain._replace(moment=moment, first_moment=chain.first_moment + more_kg * reach, total_mass=chain.total_mass + more_kg)
+
+    return with_chain(setup, load)
+
+
+EFFECT = Effect(
+    id="heavier_link",
+    where="one link",
+    left_out="one link heavier than stated",
+    law="mass of that link times a factor, spread evenly over it",
+    source="uniform rod, moment of inertia m L^2 / 12",
+    parameters=(
+        Parameter("link", 1.0, 7.0, whole=True),
+        Parameter("mass_factor", 0.5, 4.0),
+    ),
+    apply=apply,
+)
