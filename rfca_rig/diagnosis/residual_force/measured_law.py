@@ -13,6 +13,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.config import NEAR
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm
@@ -37,7 +38,10 @@ from rfca_rig.model.tabulated_law import TABULATED_LAW
 
 Floats = NDArray[np.float64]
 
-FIRST_SIZE, FIRST_ROUGHNESS = 1.0, 0.3  # of the first linearisation; the grid is gone through with its slopes
+# Of the first prior. A fit from no law begins nearly straight: with a free law, its first steps go so far that it may end in a wrong
+# optimum. Of 9 starts 1e-3 prior deviations apart, a friction law fell 250 or more short of the best log evidence in 3 with 0.3, in 2
+# with 0.1; of 21 with 0.03, none by more than 75. A law that is given is not pulled straight. The likeliest roughness follows.
+FIRST_SIZE, STRAIGHT, FREE = 1.0, 0.03, 0.3
 CONVERGE = 1  # times that all slopes are found anew at the end
 LEVELS, ROUNDS = 2, 4  # steps of each of the two fits; a friction law changes the motion that it depends on
 STEP = 1e-4  # of a prior deviation: for what the base law of the model does with its nuisances, which is smooth
@@ -49,6 +53,14 @@ class Start:
 
     x: Floats
     values: Callable[[str, Floats], Floats | None]
+
+
+@dataclass(frozen=True)
+class _Fits:
+    """The likeliest law and those about as likely, and the range of its argument."""
+
+    laws: list[Hypothesis]
+    visited: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -112,10 +124,8 @@ def measure_best_law(
     With `renew_range` each law is fitted again over the range of the motion with the law. Windows that begin at a measured state run to
     speeds that were never recorded where the base brakes too little.
     """
-    fitted = [(argument, fit_law(found, argument, base, start)) for argument in arguments]
-    laws = [law for _, law in fitted if law is not None]
-    if renew_range:
-        laws = [fit_law(found, argument, base, _start_at(law), law.hypothesis) or law for argument, law in fitted if law is not None]
+    fitted = [fit_law(found, argument, base, start, renew_range) for argument in arguments]
+    laws = [law for law in fitted if law is not None]
     if not laws:
         raise SimulationFailed(
             f"the model cannot be computed with a tabulated law at {arguments[0].place}; look at the base hypothesis first"
@@ -156,41 +166,51 @@ def base_without(found: ModelSelectionResult, hypothesis: Hypothesis, effect: st
 
 
 def fit_law(
-    found: ModelSelectionResult, argument: LawArgument, base: Hypothesis, begin: Start | None = None, moving: Hypothesis | None = None
+    found: ModelSelectionResult, argument: LawArgument, base: Hypothesis, start: Start | None = None, renew_range: bool = False
 ) -> MeasuredLaw | None:
-    """The law of one argument over its range in the motion of the base, or of `moving`, with which the fit begins at `begin` alone.
+    """The law of one argument over its range in the motion of the base, with `renew_range` fitted again over that with the law.
 
     None where the argument hardly changes, or where the model has no answer.
     """
+    # what is missing may have drawn the nuisance parameters away, so a fit also begins at their prior means
+    starts = [(STRAIGHT, Start(x, lambda _, knots: np.zeros(len(knots)))) for x in (base.fitted.x, base.fitted.as_believed)]
+    if start is not None:
+        starts.append((FREE, start))
+    fits = _fit(found, argument, base, starts, base)
+    if fits is not None and renew_range:
+        fits = _fit(found, argument, base, [(FREE, _start_at(law)) for law in fits.laws], fits.laws[0]) or fits
+    return None if fits is None else _measured(found, base, fits)
+
+
+def _fit(
+    found: ModelSelectionResult, argument: LawArgument, base: Hypothesis, starts: Sequence[tuple[float, Start]], moving: Hypothesis
+) -> _Fits | None:
+    """The law over its range in the motion of `moving`, fitted from starts with the roughness of their first prior."""
     optimizer = GaussNewton(found.dataset, found.likelihood)
-    of_motion = (moving or base).fitted
-    supposed = of_motion.coordinates.supposed(of_motion.x)
+    supposed = moving.fitted.coordinates.supposed(moving.fitted.x)
     visited = visited_range(courses(found.dataset, supposed, argument.place, argument.name))
     if visited[1] - visited[0] < 1e-9:
         return None
     knots = knots_over(visited, argument.is_signed)
-    first = _term(argument, knots, FIRST_SIZE, FIRST_ROUGHNESS)
-    coordinates = base.fitted.coordinates.with_terms((*base.fitted.coordinates.choices, first))
-    fits = []
-    # what is missing may have drawn the nuisance parameters away, so the fit also begins at their prior means
-    starts = [np.append(x, np.zeros(len(knots))) for x in (base.fitted.x, base.fitted.as_believed) if moving is None]
-    if begin is not None and (values := begin.values(argument.name, knots)) is not None:
-        starts.append(np.append(begin.x, np.linalg.solve(np.array(first.root), values)))
-    for x in starts:
-        start = optimizer.at(coordinates, x)
+    laws = []
+    for roughness, begin in starts:
+        values, first = begin.values(argument.name, knots), _term(argument, knots, FIRST_SIZE, roughness)
+        if values is None:
+            continue
+        coordinates = base.fitted.coordinates.with_terms((*base.fitted.coordinates.choices, first))
+        start = optimizer.at(coordinates, np.append(begin.x, np.linalg.solve(np.array(first.root), values)))
         if start is not None:
             here = _with_likeliest_prior(optimizer, optimizer.refine(start, LEVELS, ROUNDS))
-            fits.append(optimizer.refine(here, LEVELS, ROUNDS))
-    if not fits:
-        return None
-    best = optimizer.converge(max(fits, key=optimizer.log_evidence), CONVERGE)
-    return _measured(found, base, _hypothesis(optimizer, best), visited)
+            laws.append(_hypothesis(optimizer, optimizer.converge(optimizer.refine(here, LEVELS, ROUNDS), CONVERGE)))
+    laws.sort(key=lambda law: -law.marginal.log_evidence)
+    return _Fits([law for law in laws if law.marginal.log_evidence > laws[0].marginal.log_evidence - NEAR], visited) if laws else None
 
 
-def _start_at(law: MeasuredLaw) -> Start:
+def _start_at(law: Hypothesis) -> Start:
     """Where a fit begins over other knots."""
-    _, part = _term_of(law.hypothesis.fitted)
-    return Start(law.hypothesis.fitted.x[: part.start], lambda _, knots: np.interp(knots, law.knots, law.values))
+    term, part = _term_of(law.fitted)
+    values = term.values(law.fitted.x[part])
+    return Start(law.fitted.x[: part.start], lambda _, knots: np.interp(knots, term.knots, values))
 
 
 def _term(argument: LawArgument, knots: Floats, size: float, roughness: float) -> TableTerm:
@@ -234,11 +254,12 @@ def _hypothesis(optimizer: GaussNewton, fitted: MapFit) -> Hypothesis:
     return Hypothesis(fitted.ids, fitted, optimizer.evaluate(fitted), 0.0)
 
 
-def _measured(found: ModelSelectionResult, base: Hypothesis, law: Hypothesis, visited: tuple[float, float]) -> MeasuredLaw:
-    (term, part), posterior = _term_of(law.fitted), law.marginal.posterior
+def _measured(found: ModelSelectionResult, base: Hypothesis, fits: _Fits) -> MeasuredLaw:
+    law, spread = fits.laws[0], _spread(fits.laws)
+    term, part = _term_of(law.fitted)
     argument = term.argument
-    values, knots = term.values(posterior.mean[part]), np.array(term.knots)
-    covariances = (_covariance(found, law), _jackknife_covariance(found, law))
+    values, knots = _estimate(law)[part], np.array(term.knots)
+    covariances = [each + spread for each in (_covariance(found, law), _jackknife_covariance(found, law))]
     whole = _whole(found, law, covariances)
     before, after = (_held_out_misfit(found, each) for each in (base, law))
     densities = [_held_out_log_density(found, each) for each in (base, law)]
@@ -252,13 +273,30 @@ def _measured(found: ModelSelectionResult, base: Hypothesis, law: Hypothesis, vi
         std=_widest([each[part, part] for each in covariances]),
         whole=None if whole is None else whole[0],
         whole_std=None if whole is None else whole[1],
-        visited=visited,
+        visited=fits.visited,
         explained=1.0 - after / before,
         log_density_gain=densities[1] - densities[0],
         log_evidence_gain=law.marginal.log_evidence - base.marginal.log_evidence,
         base=base.ids,
         hypothesis=law,
     )
+
+
+def _estimate(law: Hypothesis) -> Floats:
+    """Nuisances and values of the law, (p,)."""
+    term, part = _term_of(law.fitted)
+    mean = law.marginal.posterior.mean
+    return np.asarray(_to_values(len(mean), part, np.array(term.root)) @ mean)
+
+
+def _spread(laws: Sequence[Hypothesis]) -> Floats:
+    """The covariance (p, p) between fits that are about as likely, as of a mixture of all; zero for a single one.
+
+    Contact makes the misfit rough, so that fits from different starts stop at different places.
+    """
+    estimates = np.array([_estimate(law) for law in laws])
+    apart = estimates - estimates.mean(axis=0)
+    return np.asarray(apart.T @ apart / len(laws))
 
 
 def _widest(covariances: Sequence[Floats]) -> Floats:
@@ -279,7 +317,7 @@ def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
     linear, root = law.fitted.linear(found.dataset.rows.measured), np.array(term.root)
     knots = np.array(term.knots)
     slopes = linear.jacobian[:, part] @ np.linalg.inv(root)
-    estimate = _to_values(len(law.fitted.x), part, root) @ law.marginal.posterior.mean
+    estimate = _estimate(law)
     logs, moments = [], []
     for size, roughness in product(SIZES, ROUGHNESS):
         other = _root(term.argument, knots, size, roughness)
@@ -310,14 +348,14 @@ def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Float
 
 def _whole(found: ModelSelectionResult, law: Hypothesis, covariances: Sequence[Floats]) -> tuple[Floats, Floats] | None:
     """The law with what the model has there already, and its standard deviations: both move with the nuisances."""
-    coordinates, posterior = law.fitted.coordinates, law.marginal.posterior
+    coordinates = law.fitted.coordinates
     term, part = _term_of(law.fitted)
 
     def at(x: Floats) -> Floats | None:
         own = own_law(found.dataset, coordinates.supposed(x), term.argument.place, term.argument.name, np.array(term.knots))
         return None if own is None else with_own(term.argument.place, own, x[part])
 
-    estimate = _to_values(coordinates.size, part, np.array(term.root)) @ posterior.mean
+    estimate = _estimate(law)
     here = at(estimate)
     if here is None:
         return None
