@@ -40,7 +40,8 @@ def felt(world: World, traces: Traces) -> tuple[Floats, Floats, Floats]:
     fy, fz, tx = fy + sensing.fy_per_fz * fz, fz + sensing.fz_per_fy * fy, tx + sensing.tx_per_fy_m * fy + sensing.tx_per_fz_m * fz
     across_Hz = sensing.ringing_Hz * sensing.y_frequency_ratio
     fy, fz, tx = (
-        rung(t, x, frequency_Hz, sensing.ringing_ratio) for x, frequency_Hz in ((fy, across_Hz), (fz, sensing.ringing_Hz), (tx, across_Hz))
+        filter_second_order(t, x, frequency_Hz, sensing.ringing_ratio)
+        for x, frequency_Hz in ((fy, across_Hz), (fz, sensing.ringing_Hz), (tx, across_Hz))
     )
     fy, fz, tx = (delayed(t, lagged(t, x, sensing.lag_s), sensing.clock_offset_s + sensing.clock_rate * t) for x in (fy, fz, tx))
     fz = fz + sensing.drift_N_per_s * t + sensing.hum_N * np.sin(2.0 * np.pi * sensing.hum_Hz * t)
@@ -65,7 +66,7 @@ def delayed(t_s: Floats, x: Floats, offset_s: float | Floats) -> Floats:
     return np.interp(t_s - offset_s, t_s, x) if np.any(offset_s) else x
 
 
-def rung(t_s: Floats, x: Floats, frequency_Hz: float, ratio: float) -> Floats:
+def filter_second_order(t_s: Floats, x: Floats, frequency_Hz: float, ratio: float) -> Floats:
     """x through a mass on a spring, in short steps of kick and drift; at rest at the first sample."""
     if frequency_Hz <= 0.0:
         return x

@@ -20,13 +20,16 @@ def apply(setup: Setup, values: Values) -> Setup:
     def ring(felt: Felt) -> Felt:
         t = felt.t_s
         return replace(
-            felt, fy_N=rung(t, felt.fy_N, across, ratio), fz_N=rung(t, felt.fz_N, rate, ratio), tx_Nm=rung(t, felt.tx_Nm, across, ratio)
+            felt,
+            fy_N=filter_second_order(t, felt.fy_N, across, ratio),
+            fz_N=filter_second_order(t, felt.fz_N, rate, ratio),
+            tx_Nm=filter_second_order(t, felt.tx_Nm, across, ratio),
         )
 
     return with_sensor(setup, ring)
 
 
-def rung(t_s: Floats, x: Floats, rate_rad_s: float, ratio: float) -> Floats:
+def filter_second_order(t_s: Floats, x: Floats, rate_rad_s: float, ratio: float) -> Floats:
     """y'' + 2 d w y' + w^2 y = w^2 x from rest, exactly for x straight between samples; `ratio` d below 1."""
     y = x.copy()
     swing(np.diff(t_s), x, rate_rad_s, ratio, y)
