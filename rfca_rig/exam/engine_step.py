@@ -47,9 +47,10 @@ def resist(hinge: Floats, memory: Floats, phi: Floats, w: Floats, h: float, M: F
     for i in range(1, hinge.shape[0]):
         bent += phi[i]
     for i in range(1, hinge.shape[0]):
-        damping = hinge[i, DAMPING] + hinge[i, QUADRATIC] * abs(w[i])
+        quadratic = hinge[i, QUADRATIC] * abs(w[i])
+        damping = hinge[i, DAMPING] + quadratic
         x[i] -= hinge_torque(phi[i], 0.5 * h * w[i], 0.5 * h, hinge, memory, i) + damping * w[i] + hinge[i, TENDON] * bent
-        M[i, i] += 0.5 * h * damping
+        M[i, i] += 0.5 * h * (damping + quadratic)
 
 
 @compiled

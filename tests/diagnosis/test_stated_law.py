@@ -47,7 +47,8 @@ def test_every_effect_that_has_a_law_at_a_place_acts_there():
     at = {place: {name for name in catalogue() if _acts_at(name, place)} for place in (*OF_LEG, *OF_PENDULUM)}
     assert {"spring_hysteresis", "hinge_backlash", "hinge_coulomb_friction"} <= at["hinges"]
     assert at["floor_friction"] == {"ground_stribeck"} and "ground_adhesion" in at["floor_normal"]
-    assert at["fz_N"] == at["tx_Nm"] == {"sensor_gain", "sensor_crosstalk", "sensor_drift"}
+    of_channels = {"sensor_gain", "sensor_crosstalk", "sensor_crosstalk_matrix", "sensor_drift", "sensor_saturation"}
+    assert at["fz_N"] == at["tx_Nm"] == of_channels
     assert "joint_stribeck" in at["joint2"] and "torque_scale" not in at["joint2"]
 
 

@@ -114,7 +114,7 @@ def test_names_of_fit_and_of_model_files_are_known_and_every_quantity_can_be_wri
     assert np.degrees(design.rig.leg.start_angle_rad) == pytest.approx(20.0) and design.rig.drive.ramp_s == 0.1
     base = typed("k0=9,10").design(0)
     for each in quantities().values():
-        possible = [some for some in each.choices or (0.5, 2.0, 3.0) if each.why_not(some) is None]
+        possible = [some for some in each.choices or (0.01, 0.5, 2.0, 3.0) if each.why_not(some) is None]
         assert any(each.write(base, some) != base for some in possible), each.name
 
 
