@@ -28,10 +28,10 @@ SHORT = Design(tuple((height, speed) for height in (195.0, 215.0) for speed in (
 BUMPS = SplineBasis(0.03, 8)
 
 
-def told(folder, strangers):
+def told(folder, **concealed):
     """The free form for a campaign that hides this, without a look at the catalogue."""
     (case,) = drawn_cases(7, {NOTHING: 1})
-    write_campaign(replace(case, design=SHORT, strangers=strangers), folder / "campaign")
+    write_campaign(replace(case, design=SHORT, **concealed), folder / "campaign")
     body, _ = prepare_data([read_campaign(folder / "campaign")])
     return free_form(search_models(leg_dataset(body.flaps), body.coordinates, [], lambda *_: None))
 
@@ -136,8 +136,8 @@ def test_where_no_force_explains_the_misfit_no_part_is_stated():
 
 
 @pytest.mark.slow
-def test_a_damping_of_the_hinges_that_nobody_listed_is_found_there_with_its_law(tmp_path):
-    found = told(tmp_path, {"hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": 0.05}})
+def test_a_damping_of_the_hinges_that_is_not_looked_for_is_found_there_with_its_law(tmp_path):
+    found = told(tmp_path, effects={"hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": 0.05}})
     assert found.place == "hinges"
     assert "cause is not known" in found.text
     quadratic = {term.term: term for term in found.terms}["rate |rate|"]
@@ -147,7 +147,7 @@ def test_a_damping_of_the_hinges_that_nobody_listed_is_found_there_with_its_law(
 
 @pytest.mark.slow
 def test_a_cable_that_drags_at_the_shaft_is_found_there(tmp_path):
-    found = told(tmp_path, {"cable_drag": {"torque_Nm": 0.3}})
+    found = told(tmp_path, strangers={"cable_drag": {"torque_Nm": 0.3}})
     assert found.place == "shaft"
     (_, first), (_, second) = found.ranking[:2]
     assert first - second > 3.0
