@@ -1,5 +1,6 @@
 """rfca-rig static load, rfca-rig static force"""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -121,9 +122,12 @@ def _numbers(text: str) -> list[float]:
     from rfca_rig.errors import BadInput
 
     try:
-        return [float(part) for part in text.split(",")]
+        angles = [float(part) for part in text.split(",")]
     except ValueError:
-        raise BadInput(f"--angles {text!r}: takes numbers in degrees with commas between them, as 30,-4,-5,-5,-5,-3,-2") from None
+        angles = [float("nan")]
+    if not all(math.isfinite(angle) for angle in angles):
+        raise BadInput(f"--angles {text!r}: takes numbers in degrees with commas between them, as 30,-4,-5,-5,-5,-3,-2")
+    return angles
 
 
 def _line(label: str, found: "FoundTipForce", felt_N: "tuple[float, float] | None") -> str:
