@@ -13,6 +13,7 @@ from rfca_rig.exam.world import World, everywhere
 
 Values = Mapping[str, float]
 
+STIFF_SHAFT_NM_PER_RAD = 2000.0
 SHAFT_RELAXATION_S = 1e-3  # inner damping of a twisted shaft over its stiffness: it does not ring
 
 
@@ -189,6 +190,22 @@ def sensor_crosstalk_matrix(world: World, values: Values) -> World:
     return replace(world, sensing=replace(sensing, tx_per_fy_m=along, tx_per_fz_m=down))
 
 
+def shaft_friction(world: World, values: Values) -> World:
+    return replace(world, drive=replace(world.drive, cable_Nm=values["torque_Nm"]))
+
+
+def shaft_play(world: World, values: Values) -> World:
+    """Stiff on either side of the play."""
+    gap_rad = float(np.radians(values["half_gap_deg"]))
+    drive = replace(world.drive, shaft_gap_rad=gap_rad, shaft_Nm_per_rad=STIFF_SHAFT_NM_PER_RAD, shaft_loss_s_per_rad=0.3)
+    return replace(world, drive=drive)
+
+
+def motor_torque_limit(world: World, values: Values) -> World:
+    kp, ki = values.get("kp_Nm_s_per_rad", 50.0), values.get("ki_Nm_per_rad", 1000.0)
+    return replace(world, drive=replace(world.drive, kp_Nm_s_per_rad=kp, ki_Nm_per_rad=ki, limit_Nm=values["limit_Nm"]))
+
+
 EFFECTS: Mapping[str, Callable[[World, Values], World]] = {
     effect.__name__: effect
     for effect in (
@@ -226,5 +243,8 @@ EFFECTS: Mapping[str, Callable[[World, Values], World]] = {
         sensor_ringing,
         sensor_clock_rate,
         sensor_crosstalk_matrix,
+        shaft_friction,
+        shaft_play,
+        motor_torque_limit,
     )
 }

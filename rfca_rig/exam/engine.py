@@ -63,10 +63,12 @@ _DRIVE = (
     "shaft_Nm_per_rad",
     "shaft_Nm_s_per_rad",
     "shaft_gap_rad",
+    "shaft_loss_s_per_rad",
     "ripple_share",
     "ripple_cycles",
     "ripple_phase_rad",
     "cable_Nm",
+    "limit_Nm",
     "hose_Nm_per_rad",
 )
 

@@ -7,8 +7,8 @@ from rfca_rig.exam.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-# entries of `drive` (12)
-START, KP, KI, ROTOR, SHAFT, SHAFT_DAMPING, SHAFT_GAP, RIPPLE, CYCLES, PHASE, CABLE, HOSE = range(12)
+# entries of `drive` (14)
+START, KP, KI, ROTOR, SHAFT, SHAFT_DAMPING, SHAFT_GAP, SHAFT_LOSS, RIPPLE, CYCLES, PHASE, CABLE, LIMIT, HOSE = range(14)
 # entries of `motor` (4): commanded angle and speed, the motor's angle and speed
 TOLD, TOLD_SPEED, TURNED, TURNING = range(4)
 
@@ -42,29 +42,40 @@ def advance_command(drive: Floats, knots: Floats, motor: Floats, t: float, h: fl
 
 
 @compiled
-def pushed(drive: Floats, motor: Floats, told_before: float, angle: float, speed: float, h: float) -> float:
-    """Torque of the PI loop in the middle of a step of `motor`, for a shaft at `angle` then and at `speed` before."""
+def pushed(drive: Floats, motor: Floats, told_before: float, angle: float, speed: float, h: float) -> tuple[float, float]:
+    """Torque of the PI loop in the middle of a step of `motor`, for a shaft at `angle` then and at `speed` before, and how much it falls
+    with the speed: not at all where the motor gives what it can.
+    """
     told = 0.5 * (told_before + motor[TOLD])
-    return float(drive[KI] * (told - angle) + drive[KP] * ((motor[TOLD] - told_before) / h - speed))
+    asked = drive[KI] * (told - angle) + drive[KP] * ((motor[TOLD] - told_before) / h - speed)
+    if abs(asked) > drive[LIMIT]:
+        return drive[LIMIT] if asked > 0.0 else -drive[LIMIT], 0.0
+    return asked, drive[KP]
 
 
 @compiled
-def twist(drive: Floats, angle: float, speed: float) -> float:
-    """Torque of the shaft between motor and leg, `angle` and `speed` of the one against the other."""
-    gap = drive[SHAFT_GAP]
-    bent = angle - gap if angle > gap else (angle + gap if angle < -gap else 0.0)
-    return float(drive[SHAFT] * bent + drive[SHAFT_DAMPING] * speed)
+def twist(drive: Floats, angle: float, speed: float) -> tuple[float, float]:
+    """Torque of the shaft between motor and leg, `angle` and `speed` of the one against the other, and how much it rises with the speed.
+
+    Beyond a play the ends press with a loss that grows with the pressure, and never pull.
+    """
+    beyond = max(abs(angle) - drive[SHAFT_GAP], 0.0)
+    side = 1.0 if angle > 0.0 else -1.0
+    pressure = drive[SHAFT] * beyond
+    towards = pressure * (1.0 + drive[SHAFT_LOSS] * side * speed)
+    rising = drive[SHAFT_LOSS] * pressure if towards > 0.0 else 0.0
+    return side * max(towards, 0.0) + drive[SHAFT_DAMPING] * speed, drive[SHAFT_DAMPING] + rising
 
 
 @compiled
 def turn_rotor(drive: Floats, motor: Floats, told_before: float, back: float, h: float) -> float:
     """One step of a rotor under PI control against the torque `back` of the twisted shaft; returns the motor's torque."""
     angle = motor[TURNED] + 0.5 * h * motor[TURNING]
-    push = pushed(drive, motor, told_before, angle, motor[TURNING], h)
-    gained = h * (push - back) / (drive[ROTOR] + 0.5 * h * drive[KP])
+    push, falling = pushed(drive, motor, told_before, angle, motor[TURNING], h)
+    gained = h * (push - back) / (drive[ROTOR] + 0.5 * h * falling)
     motor[TURNING] += gained
     motor[TURNED] = angle + 0.5 * h * motor[TURNING]
-    return float(push - 0.5 * drive[KP] * gained)
+    return float(push - 0.5 * falling * gained)
 
 
 @compiled

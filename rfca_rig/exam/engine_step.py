@@ -9,7 +9,6 @@ from rfca_rig.exam.engine_drive import (
     KP,
     ROTOR,
     SHAFT,
-    SHAFT_DAMPING,
     TOLD,
     TOLD_SPEED,
     TURNED,
@@ -69,11 +68,11 @@ def drive_shaft(drive: Floats, motor: Floats, told: float, phi: Floats, w: Float
         angle, speed = motor[TURNED] + 0.5 * h * motor[TURNING], motor[TURNING]
         if drive[KP] == 0.0:
             angle, speed = 0.5 * (told + motor[TOLD]), (motor[TOLD] - told) / h
-        torque = twist(drive, angle - phi[0], speed - w[0])
-        M[0, 0] += 0.5 * h * drive[SHAFT_DAMPING]
+        torque, rising = twist(drive, angle - phi[0], speed - w[0])
+        M[0, 0] += 0.5 * h * rising
     else:
-        torque = pushed(drive, motor, told, phi[0], w[0], h)
-        M[0, 0] += drive[ROTOR] + 0.5 * h * drive[KP]
+        torque, falling = pushed(drive, motor, told, phi[0], w[0], h)
+        M[0, 0] += drive[ROTOR] + 0.5 * h * falling
     x[0] += torque
     return torque
 

@@ -69,6 +69,9 @@ SPANS: Mapping[str, Mapping[str, Span]] = {
     "sensor_saturation": {"limit_N": Span(40.0, 15.0)},
     "sensor_ringing": {"frequency_Hz": Span(60.0, 12.0), "damping_ratio": Span(0.03, 0.3, free=True)},
     "sensor_clock_rate": {"rate_relative": Span(0.001, 0.02, either_sign=True)},
+    "shaft_friction": {"torque_Nm": Span(0.01, 0.5)},
+    "shaft_play": {"half_gap_deg": Span(0.3, 2.0)},
+    "motor_torque_limit": {"limit_Nm": Span(8.0, 5.0)},
     "sensor_crosstalk_matrix": {
         "fz_per_fy": Span(0.005, 0.1, either_sign=True),
         "fy_per_fz": Span(0.005, 0.1, either_sign=True),
@@ -78,8 +81,6 @@ SPANS: Mapping[str, Mapping[str, Span]] = {
 }
 
 STRANGER_SPANS: Mapping[str, Mapping[str, Span]] = {
-    "loose_grub_screw": {"half_gap_deg": Span(0.3, 3.0)},
-    "cable_drag": {"torque_Nm": Span(0.05, 0.5)},
     "force_cogging": {"force_N": Span(0.4, 3.0), "cycles_per_turn": Span(12.0, 48.0, free=True)},
     "hinge_asymmetry": {"share": Span(0.08, 0.4, either_sign=True)},
     "floor_magnet": {"force_N": Span(1.0, 8.0), "reach_mm": Span(5.0, 25.0, free=True)},

@@ -26,8 +26,6 @@ SINGLE_KINDS = (cases.SINGLE, PENDULUM_SINGLE)
 
 # Of each effect outside the catalogue: the family it belongs to, and the part of the rig where it acts.
 STRANGERS: Mapping[str, tuple[str, str]] = {
-    "loose_grub_screw": ("drive_yields", "drive"),
-    "cable_drag": ("", "shaft"),
     "force_cogging": ("", "sensor"),
     "hinge_asymmetry": ("hinge_stiffness", "hinges"),
     "floor_magnet": ("floor_holds", "ground"),

@@ -3,13 +3,9 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from rfca_rig.exam.world import World, everywhere
 
 Values = Mapping[str, float]
-
-STIFF_SHAFT_NM_PER_RAD = 2000.0
 
 
 def with_stranger(world: World, name: str, values: Values, repeat: int) -> World:
@@ -22,17 +18,6 @@ def with_stranger(world: World, name: str, values: Values, repeat: int) -> World
 def _softened(world: World, factor: float) -> World:
     k0 = tuple(factor * each for each in world.hinges.k0_Nm_per_rad)
     return replace(world, hinges=replace(world.hinges, k0_Nm_per_rad=k0))
-
-
-def loose_grub_screw(world: World, values: Values) -> World:
-    """Play between motor and leg, stiff on either side of it."""
-    gap, k = float(np.radians(values["half_gap_deg"])), STIFF_SHAFT_NM_PER_RAD
-    return replace(world, drive=replace(world.drive, shaft_gap_rad=gap, shaft_Nm_per_rad=k, shaft_Nm_s_per_rad=1e-3 * k))
-
-
-def cable_drag(world: World, values: Values) -> World:
-    """A cable at the shaft that drags against the turn with the same torque at any speed."""
-    return replace(world, drive=replace(world.drive, cable_Nm=values["torque_Nm"]))
 
 
 def force_cogging(world: World, values: Values) -> World:
@@ -128,8 +113,6 @@ def hose_at_the_shaft(world: World, values: Values) -> World:
 STRANGERS: Mapping[str, Callable[[World, Values], World]] = {
     stranger.__name__: stranger
     for stranger in (
-        loose_grub_screw,
-        cable_drag,
         force_cogging,
         hinge_asymmetry,
         floor_magnet,

@@ -98,10 +98,11 @@ class Floor:
 
 @dataclass(frozen=True)
 class DriveOf:
-    """What turns the leg. Stiff unless said otherwise; `kp` > 0 puts a rotor under PI control of its speed.
+    """What turns the leg. Stiff unless said otherwise; `kp` > 0 puts a rotor under PI control of its speed, whose torque
+    stays within `limit`.
 
-    `shaft_Nm_per_rad` > 0 is a twist between motor and leg, with play `shaft_gap` on either side. `cable_Nm` drags against the turn,
-    and a hose turns the leg back to its start like a spring.
+    `shaft_Nm_per_rad` > 0 is a twist between motor and leg, with play `shaft_gap` on either side, whose ends lose energy. `cable_Nm` drags
+    against the turn, and a hose turns the leg back to its start like a spring.
     `ramp_s` is how long the command takes to reach its speed, and `late_s` how long it takes to reach the drive.
     """
 
@@ -113,9 +114,11 @@ class DriveOf:
     shaft_Nm_per_rad: float = 0.0
     shaft_Nm_s_per_rad: float = 0.0
     shaft_gap_rad: float = 0.0
+    shaft_loss_s_per_rad: float = 0.0
     ripple_share: float = 0.0
     ripple_cycles: float = 1.0
     ripple_phase_rad: float = 0.0
+    limit_Nm: float = 1e9
     cable_Nm: float = 0.0
     hose_Nm_per_rad: float = 0.0
     late_s: float = 0.0

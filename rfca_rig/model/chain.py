@@ -80,6 +80,7 @@ def chain_of(rig: RigModel, height_m: float) -> Chain:
         frame_on_sensor=0.0,
         frame_down=1.0,
         frame_aside=0.0,
+        shaft_friction=0.0,
     )
 
 
@@ -116,7 +117,7 @@ def at_rest(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaf
     links = chain.length.size
     coordinates = links + (chain.frame_mass > 0.0)
     state = State(
-        q=np.full(coordinates, shaft_angle_rad),
+        q=np.full(coordinates, shaft_angle_rad + shaft.gap),  # the weight has taken up the play
         w=np.zeros(coordinates),
         a=np.zeros(coordinates),
         anchor=np.zeros(links),

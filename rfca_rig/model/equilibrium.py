@@ -7,6 +7,7 @@ from rfca_rig.model.contact import drag_anchors
 from rfca_rig.model.forces import assemble
 from rfca_rig.model.integrator import remember
 from rfca_rig.model.linear import solve
+from rfca_rig.model.shaft import drive_torque
 from rfca_rig.model.state import Chain, Laws, Shaft, State, Work
 
 NEWTON_LIMIT = 200
@@ -24,8 +25,9 @@ def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, toleranc
     for _ in range(NEWTON_LIMIT):
         assemble(chain, laws, state, LONG_S, q, zero, zero, (0.0, 0.0, 1.0), work)
         if shaft.free:
-            work.R[0] -= shaft.feed + shaft.k_angle * (shaft.angle - q[0])
-            work.J[0, 0] += shaft.k_angle
+            torque, k_angle, _ = drive_torque(shaft, shaft.angle - q[0], 0.0)
+            work.R[0] -= torque
+            work.J[0, 0] += k_angle
         else:
             work.R[0] = 0.0
             work.J[0, :] = 0.0

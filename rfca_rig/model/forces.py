@@ -9,6 +9,7 @@ from rfca_rig.model.laws import HINGE, LINK, ROTOR
 from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
 from rfca_rig.model.torque_spline import spring
 
+DRAGGED_FROM_RAD_S = 0.02  # speed at which friction of the shaft is full: no reading resolves a slower turn
 TWO_OVER_PI = 2.0 / np.pi
 RIGHT_ANGLE_HIGH, RIGHT_ANGLE_LOW = 1.5707963267341256, 6.077100506506192e-11  # the first has 33 bits: products with it are exact
 S1, S2, S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04
@@ -69,6 +70,17 @@ def add_inertia(chain: Chain, w: Floats, a: Floats, weights: Weights | None, wor
         for i in range(moment.shape[0], w.size):
             for j in range(w.size):
                 J[i, j] = J[j, i] = 0.0
+
+
+@inlined
+def add_shaft_friction(chain: Chain, w: Floats, weights: Weights | None, work: Work) -> None:
+    """What drags against the turn of the shaft, from outside the leg; the sensor feels that the motor turns on against it."""
+    if chain.shaft_friction == 0.0:
+        return
+    share = np.tanh(w[0] / DRAGGED_FROM_RAD_S)
+    work.R[0] += chain.shaft_friction * share
+    if weights is not None:
+        work.J[0, 0] += weights[1] * chain.shaft_friction * (1.0 - share * share) / DRAGGED_FROM_RAD_S
 
 
 @inlined
@@ -237,6 +249,7 @@ def add_surroundings(
     if laws is None:
         add_contacts(chain, w, weights, work)
     else:
+        add_shaft_friction(chain, w, weights, work)
         add_frame(chain, q, w, a, weights, work)
         add_contacts_with_effects(chain, laws, w, weights, work)
         add_hinge_laws(chain, laws, state, elapsed, q, w, a, weights, work)

@@ -42,6 +42,9 @@ class Felt:
 class SoftDrive:
     """A shaft that is not where it is told: torque k (commanded - angle) + kw (commanded speed - speed) on a rotor.
 
+    With play, the part with k engages only beyond `gap_rad` on either side, as a contact of Hunt and Crossley: k bent (1 + loss speed).
+    The torque stays within `limit_Nm`.
+
     Before the motion it rests where k carries the weight of the leg, or, if it `holds_start`, where it is told, by a torque that stays.
     """
 
@@ -49,6 +52,9 @@ class SoftDrive:
     speed_gain_Nm_s_per_rad: float
     rotor_kg_m2: float
     holds_start: bool = False
+    gap_rad: float = 0.0
+    loss_s_per_rad: float = 0.0
+    limit_Nm: float = float(np.inf)
 
 
 @dataclass(frozen=True)
@@ -87,7 +93,7 @@ class Setup:
     def compiled_laws(self, chain: Chain) -> Laws | None:
         """The laws of effects as the compiled chain wants them; None for a plain chain."""
         laws = (*self.laws, *(law(chain) for law in self.laws_of_chain))
-        if not laws and chain.frame_mass == 0.0:
+        if not laws and chain.frame_mass == 0.0 and chain.shaft_friction == 0.0:
             return None
         for use in laws:
             check(use)
@@ -142,7 +148,14 @@ def holding_torque(chain: Chain, laws: Laws | None, state: State) -> float:
 def softened(shaft: Shaft, drive: SoftDrive, start_rad: float) -> Shaft:
     """The commanded shaft with a soft drive between command and leg."""
     return shaft._replace(
-        free=True, rotor=drive.rotor_kg_m2, k_angle=drive.angle_gain_Nm_per_rad, k_speed=drive.speed_gain_Nm_s_per_rad, angle=start_rad
+        free=True,
+        rotor=drive.rotor_kg_m2,
+        k_angle=drive.angle_gain_Nm_per_rad,
+        k_speed=drive.speed_gain_Nm_s_per_rad,
+        angle=start_rad,
+        gap=drive.gap_rad,
+        loss=drive.loss_s_per_rad,
+        limit=drive.limit_Nm,
     )
 
 
@@ -226,5 +239,8 @@ def with_begin(setup: Setup, swing: Callable[[Chain, State], None]) -> Setup:
 def with_drive(setup: Setup, drive: SoftDrive) -> Setup:
     """The setup with a soft drive. Raises BadInput for a second one: two in series need a coordinate that the chain lacks."""
     if setup.drive is not None:
-        raise BadInput("two effects soften the drive (motor_speed_droop, shaft_compliance); the model takes one at a time, leave one out")
+        raise BadInput(
+            "two effects soften the drive (motor_speed_droop, motor_torque_limit, shaft_compliance, shaft_play); the model takes "
+            "one at a time, leave one out"
+        )
     return replace(setup, drive=drive)

@@ -19,6 +19,23 @@ def shaft_at(shaft: Shaft, t: float) -> tuple[float, float, float]:
 
 
 @inlined
+def drive_torque(shaft: Shaft, angle: float, speed: float) -> tuple[float, float, float]:
+    """The torque on a free shaft that is `angle` and `speed` behind, and its derivatives by both."""
+    bent, k_angle, k_speed = angle, shaft.k_angle, shaft.k_speed
+    if shaft.gap > 0.0:
+        bent = angle - shaft.gap if angle >= shaft.gap else (angle + shaft.gap if angle <= -shaft.gap else 0.0)
+        side = np.sign(bent)
+        pressed = max(1.0 + shaft.loss * side * speed, 0.0)  # Hunt and Crossley: nothing jumps where it engages, and nothing sticks
+        k_angle *= pressed * abs(side)
+        k_speed += shaft.k_angle * abs(bent) * shaft.loss * (pressed > 0.0)
+        bent *= pressed
+    torque = shaft.feed + shaft.k_angle * bent + shaft.k_speed * speed
+    if abs(torque) > shaft.limit:
+        return shaft.limit * np.sign(torque), 0.0, 0.0
+    return torque, k_angle, k_speed
+
+
+@inlined
 def drive_rotor(shaft: Shaft, t: float, q: Floats, w: Floats, a: Floats, g: float, derive: bool, work: Work) -> None:
     """Row 0, eq. (16), of a shaft that is free: a torque drives the rotor. A prescribed one has no row, its acceleration is known."""
     if not shaft.free:
@@ -26,9 +43,10 @@ def drive_rotor(shaft: Shaft, t: float, q: Floats, w: Floats, a: Floats, g: floa
     angle, speed = shaft.angle, shaft.speed
     if shaft.breaks.size > 0:
         angle, speed, _ = shaft_at(shaft, t)
-    work.R[0] += shaft.rotor * a[0] - shaft.feed - shaft.k_angle * (angle - q[0]) - shaft.k_speed * (speed - w[0])
+    torque, k_angle, k_speed = drive_torque(shaft, angle - q[0], speed - w[0])
+    work.R[0] += shaft.rotor * a[0] - torque
     if derive:
-        work.J[0, 0] += shaft.rotor + g * shaft.k_speed + g * g * shaft.k_angle
+        work.J[0, 0] += shaft.rotor + g * k_speed + g * g * k_angle
 
 
 @inlined

@@ -31,6 +31,7 @@ class Chain(NamedTuple):
     given. A frame that yields has `frame_mass` > 0 and is the coordinate behind the last link: its way along a line, on a
     spring with damping. `frame_down` and `frame_aside` are cosine and sine of the line's lean from down towards y. The share
     `frame_on_sensor` of its mass stands between sensor and shaft: the sensor feels its inertia.
+    `shaft_friction` drags against the turn of the shaft.
     """
 
     length: Floats
@@ -63,6 +64,7 @@ class Chain(NamedTuple):
     frame_on_sensor: float
     frame_down: float
     frame_aside: float
+    shaft_friction: float
 
 
 Weights = tuple[float, float, float]  # ca, cw, cq
@@ -95,7 +97,8 @@ class Laws(NamedTuple):
 
 class Shaft(NamedTuple):
     """What turns the shaft: a prescribed piecewise cubic angle, or (`free`) a rotor under
-    feed + k_angle (angle - q) + k_speed (speed - w), where angle and speed follow the piecewise cubic if there is one.
+    feed + k_angle (angle - q) + k_speed (speed - w), where angle and speed follow the piecewise cubic if there is one. The part with
+    k_angle engages only beyond `gap` on either side, there with the factor 1 + `loss` (speed - w), and the torque stays within `limit`.
     """
 
     breaks: Floats
@@ -108,6 +111,9 @@ class Shaft(NamedTuple):
     angle: float
     k_speed: float
     speed: float
+    gap: float = 0.0
+    loss: float = 0.0
+    limit: float = np.inf
 
 
 class Samples(NamedTuple):

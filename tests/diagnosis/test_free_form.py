@@ -148,7 +148,7 @@ def test_a_damping_of_the_hinges_that_is_not_looked_for_is_found_there_with_its_
 
 @pytest.mark.slow
 def test_a_cable_that_drags_at_the_shaft_is_found_there(tmp_path):
-    found = told(tmp_path, strangers={"cable_drag": {"torque_Nm": 0.3}})
+    found = told(tmp_path, effects={"shaft_friction": {"torque_Nm": 0.3}})
     assert found.place == "shaft"
     (_, first), (_, second) = found.ranking[:2]
     assert first - second > 3.0

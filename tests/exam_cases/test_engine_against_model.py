@@ -47,6 +47,9 @@ VALUES = {
     "sensor_saturation": {"limit_N": 40.0},
     "sensor_ringing": {"frequency_Hz": 25.0, "damping_ratio": 0.05},
     "sensor_clock_rate": {"rate_relative": 0.01},
+    "shaft_friction": {"torque_Nm": 0.2},
+    "shaft_play": {"half_gap_deg": 1.0},
+    "motor_torque_limit": {"limit_Nm": 6.8},
     "sensor_crosstalk_matrix": {"fz_per_fy": 0.05, "fy_per_fz": -0.04, "tx_per_fy_mm": 2.0, "tx_per_fz_mm": -3.0},
 }
 

@@ -106,13 +106,13 @@ def test_the_matrix_counts_and_shows_the_worst():
         replace(PLAIN, named=("fluid_drag",), outcome="wrong"),
         replace(PLAIN, named=("tip_mass", "fluid_drag"), outcome="extra"),
         replace(PLAIN, verdict="nothing missing", named=(), outcome="silent"),
-        replace(PLAIN, kind=cases.STRANGER, concealed=("cable_drag",), verdict="unexplained", named=(), outcome="right"),
+        replace(PLAIN, kind=cases.STRANGER, concealed=("floor_magnet",), verdict="unexplained", named=(), outcome="right"),
         replace(PLAIN, kind=cases.PAIR, concealed=("tip_mass", "sensor_lag")),
     ]
     matrix = matrix_of(marked)
     assert (matrix.names, matrix.verdicts) == (("tip_mass", "fluid_drag"), ("several names", "nothing missing", "unexplained"))
     (single, (row,)), (stranger, (other,)) = matrix.kinds
-    assert (single, stranger, row.concealed, other.concealed) == (cases.SINGLE, cases.STRANGER, "tip_mass", "cable_drag")
+    assert (single, stranger, row.concealed, other.concealed) == (cases.SINGLE, cases.STRANGER, "tip_mass", "floor_magnet")
     assert row.cells == (MatrixCell(2, "right"), MatrixCell(2, "wrong"), MatrixCell(1, "wrong"), MatrixCell(1, ""), None)
     assert other.cells == (None, None, None, None, MatrixCell(1, "right"))
 

@@ -28,6 +28,8 @@ IN_MOTION_ONLY = (
     "sensor_clock_rate",
     "sensor_drift",
     "motor_speed_droop",
+    "motor_torque_limit",
+    "shaft_friction",
     "motor_speed_ripple",
 )  # a settled reading does not show them
 HELD_ANYHOW = 30.0  # of the usual friction: 0.3 of it goes with a model error of 1 %

@@ -6,8 +6,9 @@ from scipy.integrate import solve_ivp
 
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.setup import Felt, set_up
+from rfca_rig.model.shaft import drive_torque
 from rfca_rig.model.stroke import stroke_following
-from tests.model.effects.rigs import NO_GROUND_M, TIGHT, T, having, held, paper_stroke
+from tests.model.effects.rigs import NO_GROUND_M, TIGHT, T, having, held, paper_stroke, through
 from tests.model.legs import PAPER, pendulum
 
 LENGTH, MASS = 0.5, 0.4
@@ -41,6 +42,60 @@ def test_a_drooping_drive_turns_as_another_integrator_has_the_loop_on_its_rotor(
     expected = by_scipy(t, 10.0, 0.6, 0.006)
     assert np.abs(expected - [commanded(x)[0] for x in t]).max() > 0.03
     assert ours.q_rad[:, 0] == pytest.approx(expected, abs=2e-6)
+
+
+def test_a_motor_at_its_limit_gives_just_that_torque_and_falls_behind():
+    """Told to lift the link faster than it can: the energy of link and rotor is the work of that torque and of the weight."""
+    t = np.linspace(0.001, 0.25, 250)
+    limit, kp, ki = 0.5 * WEIGHT_Nm, 50.0, 1000.0
+    rig = having(pendulum(1), motor_torque_limit={"limit_Nm": limit, "kp_Nm_s_per_rad": kp, "ki_Nm_per_rad": ki})
+    ours = stroke_following(rig, NO_GROUND_M, through([0.0, 1.0], [1.2, 0.2]), t, TIGHT)
+    assert 0.9 * limit < (-ours.shaft_torque_Nm).max() < limit  # the rotor takes a part of it
+    angle, speed = ours.q_rad[:, 0], ours.w_rad_s[:, 0]
+    kinetic = 0.5 * (INERTIA + 0.006) * speed**2
+    late = t > 0.05  # at the limit
+    done = kinetic - WEIGHT_Nm * np.sin(angle) + limit * angle
+    assert done[late] == pytest.approx(done[late][0], abs=1e-5)
+    assert angle[-1] > 1.2 - 0.25 + 0.02
+
+
+def test_a_shaft_with_play_rests_with_the_play_taken_up_and_turns_back_through_it():
+    gap = np.radians(1.0)
+    rig, t = having(pendulum(1), shaft_play={"half_gap_deg": 1.0}), np.array([0.0, 0.5, 9.9])
+    hanging = stroke_following(rig, NO_GROUND_M, held(0.3), t)
+    twist = WEIGHT_Nm * np.cos(0.3 + gap) / 2000.0
+    assert hanging.q_rad[:, 0] - 0.3 == pytest.approx(gap + twist, abs=1e-6)
+    # slowly over the top: past straight down the weight pulls the other way
+    over = stroke_following(rig, NO_GROUND_M, through([0.0, 10.0], [1.3, 1.9]), t)
+    assert over.q_rad[-1, 0] - (1.3 + 0.06 * 9.9) == pytest.approx(-gap, abs=1e-3)
+
+
+def test_a_shaft_with_play_gives_no_energy_back_in_closed_loops_and_never_pulls():
+    random = np.random.default_rng(3)
+    gap = np.radians(1.0)
+    shaft = held(0.0).shaft()._replace(free=True, k_angle=2000.0, gap=gap, loss=0.3)
+    turn = np.linspace(0.0, 2.0 * np.pi, 4001)
+    for _ in range(100):
+        size, phase, rate = random.uniform(0.0, 2.0 * gap, 3), random.uniform(0.0, 2.0 * np.pi, 3), random.uniform(0.1, 100.0)
+        angle = sum(size[k] * np.sin((k + 1) * turn + phase[k]) for k in range(3))
+        speed = rate * np.gradient(angle, turn)
+        torque = np.array([drive_torque(shaft, a, w)[0] for a, w in zip(angle, speed, strict=True)])
+        assert np.trapezoid(torque, angle) >= -1e-3 * np.ptp(angle) * np.abs(torque).max()
+        assert (torque * angle >= 0.0).all()
+        assert (torque[np.abs(angle) < gap] == 0.0).all()
+
+
+def test_friction_of_the_shaft_takes_its_torque_times_the_angle_out_of_the_motor():
+    t = np.linspace(0.0, 1.0, 2001)
+    plain, dragged = (
+        stroke_following(having(PAPER, **effects), NO_GROUND_M, ramp_to_speed(0.2269, 2.4, 0.05, 1.0), t)
+        for effects in ({}, {"shaft_friction": {"torque_Nm": 0.3}})
+    )
+    assert dragged.q_rad == pytest.approx(plain.q_rad, abs=1e-5)
+    power = (dragged.shaft_torque_Nm - plain.shaft_torque_Nm) * plain.w_rad_s[:, 0]
+    turned = plain.q_rad[-1, 0] - plain.q_rad[0, 0]
+    assert np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(t)) == pytest.approx(0.3 * turned, rel=5e-3)
+    assert dragged.tx_Nm[t > 0.1] - plain.tx_Nm[t > 0.1] == pytest.approx(0.3, abs=2e-3)
 
 
 def test_a_leg_behind_a_soft_shaft_moves_as_another_integrator_has_it():

@@ -11,6 +11,8 @@ from tests.model.effects.rigs import paper_stroke
 FINE = Tolerance(1e-6, 3e-3)
 OTHER_STEPS = {  # other equations, other steps: their error, rms of fz
     "shaft_compliance": 5e-3,
+    "motor_torque_limit": 2e-2,
+    "shaft_friction": 2e-4,
     "frame_compliance": 2e-4,
     "ground_compliance": 2e-4,
     "ground_exponent": 2e-4,
@@ -47,7 +49,10 @@ NEUTRAL = {
     "ground_adhesion": {"force_N": 0.0},
     "motor_speed_droop": {"kp_Nm_s_per_rad": 1e8, "ki_Nm_per_rad": 1e9},
     "motor_speed_ripple": {"amplitude_relative": 0.0, "cycles_per_turn": 10.0},
+    "motor_torque_limit": {"limit_Nm": 1e9, "kp_Nm_s_per_rad": 1e8, "ki_Nm_per_rad": 1e9},
     "shaft_compliance": {"stiffness_Nm_per_rad": 1e10},
+    "shaft_play": {"half_gap_deg": 0.0},
+    "shaft_friction": {"torque_Nm": 0.0},
     "frame_compliance": {"frequency_Hz": 100.0, "moving_mass_kg": 1e9, "damping_ratio": 0.1},
     "height_offset": {"offset_mm": 0.0},
     "gravity_tilt": {"angle_rad": 0.0},
@@ -89,7 +94,10 @@ SMALL = {
     "ground_adhesion": {"force_N": 0.5},
     "motor_speed_droop": {"kp_Nm_s_per_rad": 20.0, "ki_Nm_per_rad": 200.0},
     "motor_speed_ripple": {"amplitude_relative": 0.01, "cycles_per_turn": 8.0},
+    "motor_torque_limit": {"limit_Nm": 6.1},
     "shaft_compliance": {"stiffness_Nm_per_rad": 500.0},
+    "shaft_play": {"half_gap_deg": 0.5},
+    "shaft_friction": {"torque_Nm": 0.05},
     "frame_compliance": {"frequency_Hz": 20.0, "moving_mass_kg": 5.0, "damping_ratio": 0.05},
     "height_offset": {"offset_mm": 0.5},
     "gravity_tilt": {"angle_rad": 0.01},
@@ -125,10 +133,14 @@ def test_at_no_strength_an_effect_leaves_the_stroke_alone(id_, plain):
 @pytest.mark.parametrize("id_", sorted(SMALL))
 def test_at_a_plausible_strength_an_effect_shows_in_the_force(id_, plain):
     stroke = paper_stroke(FINE, **{id_: SMALL[id_]})
-    assert 0.01 < np.sqrt(np.mean((stroke.fz_N - plain.fz_N) ** 2)) < 10.0
+    if id_ == "shaft_friction":  # of a shaft that turns as told only the torque tells
+        assert 0.01 < np.sqrt(np.mean((stroke.tx_Nm - plain.tx_Nm) ** 2)) < 1.0
+    else:
+        assert 0.01 < np.sqrt(np.mean((stroke.fz_N - plain.fz_N) ** 2)) < 10.0
 
 
-TOGETHER = {name: values for name, values in SMALL.items() if name != "shaft_compliance"}
+SOFT_DRIVES = ("motor_torque_limit", "shaft_compliance", "shaft_play")  # beside motor_speed_droop
+TOGETHER = {name: values for name, values in SMALL.items() if name not in SOFT_DRIVES}
 
 
 def test_all_effects_at_once_run():
