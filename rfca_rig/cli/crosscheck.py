@@ -39,7 +39,8 @@ def crosscheck(
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput
     from rfca_rig.progress import counted
-    from rfca_rig.report.crosscheck_picture import check_picture_path, write_crosscheck_picture
+    from rfca_rig.report.crosscheck_picture import write_crosscheck_picture
+    from rfca_rig.report.picture_file import check_picture_path
 
     load_mujoco()
     if picture is not None:

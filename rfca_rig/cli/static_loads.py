@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from rfca_rig.analysis.tip_load import FoundTipForce
     from rfca_rig.model.parameters import Leg
 
-STDS_90 = 1.645  # standard deviations of half a 90 % interval of a normal distribution
-
 Angles = Annotated[
     str | None, typer.Option("--angles", metavar="DEG,DEG,...", help="The shaft from the horizontal, then each hinge, instead of a run.")
 ]
@@ -41,7 +39,7 @@ def load(
     import numpy as np
 
     from rfca_rig.analysis.tip_load import load_tip
-    from rfca_rig.report.crosscheck_picture import check_picture_path
+    from rfca_rig.report.picture_file import check_picture_path
 
     if picture is not None:
         check_picture_path(picture)
@@ -89,11 +87,12 @@ def force(
         from rfca_rig.campaign.opening import open_recordings
         from rfca_rig.cli.static_reporting import read_held_against
         from rfca_rig.description.believed import believed_model
+        from rfca_rig.model.parameters import GRAVITY_M_S2
 
         assert run is not None
         recordings = open_recordings([run])
         leg = believed_model(read_held_against(recordings, model)[0]).leg
-        weight_N = 9.81 * sum(leg.link_masses_kg)
+        weight_N = GRAVITY_M_S2 * sum(leg.link_masses_kg)
         for stage in (stage for recording in recordings for stage in recording.static):
             if not np.isfinite(stage.hinge_deg).all():
                 continue
@@ -131,6 +130,8 @@ def _numbers(text: str) -> list[float]:
 
 
 def _line(label: str, found: "FoundTipForce", felt_N: "tuple[float, float] | None") -> str:
+    from rfca_rig.report.diagnosis_wording import STDS_90
+
     each = zip(found.force_N, found.std_N, ("along", "down"), strict=True)
     parts = [f"{force:+.2f} +- {STDS_90 * std:.2f} N {way}" for force, std, way in each]
     felt = "" if felt_N is None else f"; the sensor felt {felt_N[0]:+.2f} and {felt_N[1]:+.2f} N"

@@ -45,7 +45,7 @@ class EqualLimit:
     """A limit in which the law of an effect becomes that of another one, so that no data tell the two apart.
 
     `other` is the id of that one, `words` the limit. `holds` says whether values of parameters and shape lie so near to it that the other
-    law, fitted anew, differs by less than a fifth of what the effect does, which is the error that laws are usually granted.
+    law, fitted again, differs by less than a fifth of what the effect does, which is the error that laws are usually granted.
     """
 
     other: str

@@ -9,11 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rfca_rig.analysis.crosscheck import CheckedCondition
-from rfca_rig.errors import BadInput
 from rfca_rig.report.look import MEASURED, SIMULATED, drawing
+from rfca_rig.report.picture_file import check_picture_path, save_picture
 
 COLUMN_IN, HEIGHT_IN = 3.3, 3.6
-FORMATS = (".svg", ".png", ".pdf")
 
 
 def write_crosscheck_picture(checked: Sequence[CheckedCondition], path: Path) -> None:
@@ -28,16 +27,7 @@ def write_crosscheck_picture(checked: Sequence[CheckedCondition], path: Path) ->
         axes[0, 0].set_ylabel("contact force (N)")
         axes[1, 0].set_ylabel("difference (N)")
         axes[0, 0].legend(frameon=False, fontsize=8.2)
-        try:
-            figure.savefig(path, dpi=200, metadata={"Date": None} if path.suffix.lower() == ".svg" else None)
-        except OSError as error:
-            raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
-
-
-def check_picture_path(path: Path) -> None:
-    """BadInput where the ending names no format that can be drawn."""
-    if path.suffix.lower() not in FORMATS:
-        raise BadInput(f"{path}: a picture ends in {', '.join(FORMATS)}; give --picture crosscheck.svg")
+        save_picture(figure, path)
 
 
 def _draw(force: Axes, difference: Axes, one: CheckedCondition) -> None:

@@ -7,9 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rfca_rig.analysis.tip_load import LoadedShape
-from rfca_rig.errors import BadInput
-from rfca_rig.report.crosscheck_picture import check_picture_path
 from rfca_rig.report.look import BAD, FAINT, SIMULATED, SMALL, drawing
+from rfca_rig.report.picture_file import check_picture_path, save_picture
 
 WIDTH_IN = 4.6
 ARROW = 0.3  # length of the force's arrow, as a share of the leg
@@ -40,7 +39,4 @@ def write_tip_load_picture(shape: LoadedShape, path: Path) -> None:
         axes.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), xlabel="along (mm)", ylabel="down (mm)")
         axes.set_title("torques of the hinges in N m", fontsize=SMALL, loc="left")
         axes.legend(frameon=False, fontsize=SMALL)
-        try:
-            figure.savefig(path, dpi=200, metadata={"Date": None} if path.suffix.lower() == ".svg" else None)
-        except OSError as error:
-            raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
+        save_picture(figure, path)
