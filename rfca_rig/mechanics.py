@@ -114,6 +114,10 @@ def small_slope_error(angle_rad: Floats) -> Floats:
     angle_rad
         (...), between -pi/2 and pi/2.
 
+    Returns
+    -------
+    (...), a share.
+
     References
     ----------
     Equation (1) with y' = tan(angle).
@@ -125,6 +129,20 @@ def small_slope_limit_rad(share: float = 0.1) -> float:
     """The angle from which on |y''| exceeds the curvature by more than a share of it.
 
     For a tenth this is 0.251 rad; where the error is counted as a share of |y''| it is 0.263 rad. The paper says 0.27 rad.
+
+    Parameters
+    ----------
+    share
+        Above 0.
+
+    Returns
+    -------
+    float [rad].
+
+    Raises
+    ------
+    BadInput
+        For a share that is not above 0.
     """
     if share <= 0.0:
         raise BadInput(f"share {share:g}: an error that is allowed must be above 0")
@@ -141,6 +159,10 @@ def bending_energy_J(EI_Nm2: float, s_m: Floats, curvature_per_m: Floats) -> flo
     s_m, curvature_per_m
         (m,) places along the strip, ascending, and the curvature there.
 
+    Returns
+    -------
+    float [J].
+
     References
     ----------
     Equation (2).
@@ -149,7 +171,16 @@ def bending_energy_J(EI_Nm2: float, s_m: Floats, curvature_per_m: Floats) -> flo
 
 
 def spring_energy_J(stiffness_Nm_per_rad: Floats, phi_rad: Floats) -> float:
-    """Energy of the equivalent torsion springs, all (6,) or (n,).
+    """Energy of the equivalent torsion springs.
+
+    Parameters
+    ----------
+    stiffness_Nm_per_rad, phi_rad
+        (n,) of each hinge, or one stiffness for all.
+
+    Returns
+    -------
+    float [J].
 
     References
     ----------
@@ -190,7 +221,18 @@ def bend_held_strip(EI_Nm2: float, length_m: float, stations_m: Floats, angles_r
 
 
 def discrete_bending_energy_J(EI_Nm2: float, length_m: float, theta_rad: Floats) -> float:
-    """Bending energy of a strip of equal elements from the tangent angles at its nodes, (N + 1,).
+    """Bending energy of a strip of equal elements.
+
+    Parameters
+    ----------
+    EI_Nm2, length_m
+        Bending stiffness and length.
+    theta_rad
+        (N + 1,) the tangent angles at its nodes.
+
+    Returns
+    -------
+    float [J].
 
     References
     ----------
@@ -253,27 +295,87 @@ def solve_held_contact(mass: Floats, force: Floats, jacobian: Floats, jacobian_r
 
 
 def effective_modulus_Pa(E1_Pa: float, nu1: float, E2_Pa: float, nu2: float) -> float:
-    """E' of two bodies from their Young's moduli and Poisson's ratios.
+    """E' of two bodies.
+
+    Parameters
+    ----------
+    E1_Pa, E2_Pa
+        Young's moduli.
+    nu1, nu2
+        Poisson's ratios.
+
+    Returns
+    -------
+    float [Pa].
+
+    Raises
+    ------
+    BadInput
+        For a modulus that is not above 0, or a ratio outside -1 to 0.5.
 
     References
     ----------
     Equation (17), second line.
     """
+    _check_positive("E1_Pa", E1_Pa)
+    _check_positive("E2_Pa", E2_Pa)
+    for name, nu in (("nu1", nu1), ("nu2", nu2)):
+        if not -1.0 < nu <= 0.5:
+            raise BadInput(
+                f"{name} {nu:g}: Poisson's ratio of an isotropic body is above -1 and at most 0.5; most plastics have 0.3 to 0.45"
+            )
     return 1.0 / ((1.0 - nu1**2) / E1_Pa + (1.0 - nu2**2) / E2_Pa)
 
 
 def effective_radius_m(R1_m: float, R2_m: float = np.inf) -> float:
-    """R of two spheres; a plane has the radius infinity."""
+    """R of two spheres; a plane has the radius infinity, and a hollow a negative one.
+
+    Parameters
+    ----------
+    R1_m, R2_m
+        Their radii.
+
+    Returns
+    -------
+    float [m].
+
+    Raises
+    ------
+    BadInput
+        For a first radius that is not above 0, or a hollow that is not wider than the sphere in it.
+    """
+    _check_positive("R1_m", R1_m)
+    if R2_m == 0.0 or not 1.0 / R1_m + 1.0 / R2_m > 0.0:
+        raise BadInput(f"R2_m {R2_m:g}: must be above 0, or below -R1_m = {-R1_m:g} for a hollow that is wider than the sphere")
     return 1.0 / (1.0 / R1_m + 1.0 / R2_m)
 
 
 def contact_radius_m(radius_m: float, depth_m: float) -> float:
     """Radius a of the circle of contact, a^2 = R depth.
 
+    Holds for a well below R (Johnson, Contact Mechanics, 1985, section 4.2).
+
+    Parameters
+    ----------
+    radius_m, depth_m
+        R as of `effective_radius_m`, and by how much the bodies approach; 0 where they do not touch.
+
+    Returns
+    -------
+    float [m].
+
+    Raises
+    ------
+    BadInput
+        For a radius that is not above 0, or a depth above it.
+
     References
     ----------
     Hertz 1881; equation (17) prints a = 2 sqrt(R) depth, which is no length.
     """
+    _check_positive("radius_m", radius_m)
+    if not depth_m <= radius_m:
+        raise BadInput(f"depth_m {depth_m:g}: is above the radius, {radius_m:g} m; Hertz's law holds for depths well below it")
     return float(np.sqrt(radius_m * max(depth_m, 0.0)))
 
 
@@ -285,10 +387,21 @@ def contact_stiffness_N_per_m1p5(modulus_Pa: float, radius_m: float) -> float:
     modulus_Pa, radius_m
         E' and R as of `effective_modulus_Pa` and `effective_radius_m`.
 
+    Returns
+    -------
+    float [N/m^1.5].
+
+    Raises
+    ------
+    BadInput
+        For a modulus or radius that is not above 0.
+
     References
     ----------
     Hertz 1881; Johnson, Contact Mechanics, 1985, equation (4.23).
     """
+    _check_positive("modulus_Pa", modulus_Pa)
+    _check_positive("radius_m", radius_m)
     return float(4.0 / 3.0 * modulus_Pa * np.sqrt(radius_m))
 
 
@@ -302,10 +415,20 @@ def contact_pressure_Pa(r_m: Floats, modulus_Pa: float, radius_m: float, depth_m
     modulus_Pa, radius_m, depth_m
         E', R and the depth.
 
+    Returns
+    -------
+    (...) [Pa].
+
+    Raises
+    ------
+    BadInput
+        As `contact_radius_m`, and for a modulus that is not above 0.
+
     References
     ----------
     Equation (17), first line, with Hertz's p_0: the printed one does not integrate to the force.
     """
+    _check_positive("modulus_Pa", modulus_Pa)
     a = contact_radius_m(radius_m, depth_m)
     if a == 0.0:
         return np.zeros_like(np.asarray(r_m, dtype=np.float64))
@@ -315,6 +438,17 @@ def contact_pressure_Pa(r_m: Floats, modulus_Pa: float, radius_m: float, depth_m
 
 def coulomb_friction_N(speed_m_s: Floats, normal_N: Floats, coefficient: float) -> Floats:
     """Friction of a sliding contact in the direction of the speed; it acts against it. 0 at rest, where (19) applies.
+
+    Parameters
+    ----------
+    speed_m_s, normal_N
+        (...) of the contact.
+    coefficient
+        Of friction.
+
+    Returns
+    -------
+    (...) [N].
 
     References
     ----------
@@ -326,6 +460,17 @@ def coulomb_friction_N(speed_m_s: Floats, normal_N: Floats, coefficient: float) 
 def stick_friction_N(speed_m_s: float, applied_N: float, static_N: float, kinetic_N: float) -> float:
     """Friction of a contact that sticks as long as the applied force stays below `static_N`.
 
+    Parameters
+    ----------
+    speed_m_s, applied_N
+        Speed of the contact, and the tangential force that everything else applies.
+    static_N, kinetic_N
+        Limit of friction at rest, and friction in motion.
+
+    Returns
+    -------
+    float [N].
+
     References
     ----------
     Equation (19). The simulation keeps stick as a state, with a tie that yields: `rfca_rig.model.contact.tangential_force`.
@@ -333,3 +478,8 @@ def stick_friction_N(speed_m_s: float, applied_N: float, static_N: float, kineti
     if speed_m_s != 0.0:
         return float(kinetic_N * np.sign(speed_m_s))
     return applied_N if abs(applied_N) < static_N else float(static_N * np.sign(applied_N))
+
+
+def _check_positive(name: str, value: float) -> None:
+    if not value > 0.0:
+        raise BadInput(f"{name} {value:g}: must be above 0")

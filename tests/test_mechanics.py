@@ -74,3 +74,27 @@ def test_the_pressure_carries_the_normal_force(depth):
     stiffness = mechanics.contact_stiffness_N_per_m1p5(E, R)
     assert carried == pytest.approx(mechanics.normal_force(stiffness, 0.0, depth, 0.0)[0], rel=1e-5)
     assert mechanics.contact_pressure_Pa(np.array([0.0]), E, R, 0.0)[0] == 0.0
+
+
+def test_a_hollow_makes_the_contact_wider():
+    assert mechanics.effective_radius_m(3e-3, -4e-3) == pytest.approx(12e-3)
+    assert mechanics.effective_radius_m(3e-3) == 3e-3
+
+
+@pytest.mark.parametrize(
+    ("call", "named"),
+    [
+        (lambda: mechanics.effective_modulus_Pa(-2.75e9, 0.38, 3.2e9, 0.37), "E1_Pa"),
+        (lambda: mechanics.effective_modulus_Pa(2.75e9, 0.38, float("nan"), 0.37), "E2_Pa"),
+        (lambda: mechanics.effective_modulus_Pa(2.75e9, 0.38, 3.2e9, 0.7), "nu2"),
+        (lambda: mechanics.effective_radius_m(0.0), "R1_m"),
+        (lambda: mechanics.effective_radius_m(3e-3, -2e-3), "R2_m"),
+        (lambda: mechanics.contact_radius_m(-3e-3, 1e-4), "radius_m"),
+        (lambda: mechanics.contact_radius_m(3e-3, 4e-3), "depth_m"),
+        (lambda: mechanics.contact_stiffness_N_per_m1p5(-1e9, 3e-3), "modulus_Pa"),
+        (lambda: mechanics.contact_pressure_Pa(np.zeros(1), 1e9, 0.0, 1e-4), "radius_m"),
+    ],
+)
+def test_a_contact_that_cannot_be_is_refused_by_the_name_of_the_value(call, named):
+    with pytest.raises(BadInput, match=named):
+        call()
