@@ -18,11 +18,13 @@ from rfca_rig.diagnosis.likelihood.covariance import discrepancy, factored
 from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
 from rfca_rig.diagnosis.simulator import ScatterDirection, Simulator, spread
 from rfca_rig.errors import BadInput
+from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.static_stages import StageMoves
 
 Floats = NDArray[np.float64]
 LegCondition = FlapCondition | StageTable | ShaftCondition
 
+TRIGGER_MS = 0.2  # one sample at 5 kHz: what a trigger leaves open that is read once a sample
 MOVES = (StageMoves(1.0, 0.005, HOLD_S), StageMoves(1.0, 0.05, HOLD_S), StageMoves(0.2, 0.2, HOLD_S))
 
 
@@ -43,15 +45,22 @@ class LegSimulator(Simulator):
         return sorted(int(number) for number in (*moving[spread(len(moving), count)], *tables[:1]))
 
     def scatter(self, at: Supposed, conditions: Sequence[LegCondition]) -> tuple[ScatterDirection, ...]:
-        """Height of the rack, friction, and start angle; a recorded start is simulated, so that its scatter is none of the mean's."""
+        """Height of the rack, friction, start angle, and the trigger: when the force's clock starts against the shaft's.
+
+        A recorded start angle is simulated, so that its scatter is none of the mean's.
+        """
         std = np.array(list(USUAL.values()))
         parameters = tuple(replace(PARAMETERS[name], relative=False) for name in USUAL)
         space = Space(parameters, at, std, np.ones(len(std), dtype=bool))
         flaps = flaps_of(conditions)
         starts_recorded = bool(flaps) and all(flap.turn.start_rad is not None for flap in flaps)
-        return tuple(
-            ScatterDirection(name, USUAL[name], space.at(step), space.at(-step), starts_recorded and name == "start_angle")
-            for name, step in zip(USUAL, np.eye(len(std)), strict=True)
+        late, early = (at.with_effects((PresentEffect("clock_offset", (("offset_s", sign * 1e-3 * TRIGGER_MS),)),)) for sign in (1.0, -1.0))
+        return (
+            *(
+                ScatterDirection(name, USUAL[name], space.at(step), space.at(-step), starts_recorded and name == "start_angle")
+                for name, step in zip(USUAL, np.eye(len(std)), strict=True)
+            ),
+            ScatterDirection("trigger", TRIGGER_MS, late, early),
         )
 
     def forget_history(self, conditions: tuple[LegCondition, ...]) -> tuple[LegCondition, ...]:
