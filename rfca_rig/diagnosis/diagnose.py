@@ -39,7 +39,7 @@ from rfca_rig.recording.identity import identity_of
 
 Floats = NDArray[np.float64]
 
-SEEN_ON_THE_SHAFT = ("motor_speed_droop", "motor_speed_ripple", "motor_torque_limit")
+SEEN_ON_THE_SHAFT = ("motor_cogging", "motor_speed_droop", "motor_speed_ripple", "motor_torque_limit")
 # A twist or play behind the motor shows in the recorded angle where the encoder is on the leg's side, else in the forces alone.
 DRIVE_EFFECTS = (*SEEN_ON_THE_SHAFT, "shaft_compliance", "shaft_play")
 

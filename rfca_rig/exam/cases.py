@@ -46,7 +46,7 @@ DEFAULT_NUMBERS: Mapping[str, int] = {
 }
 
 LATEST_S = 3e-3  # an adapter, a bus and the drive's own cycle
-SOFT_DRIVES = ("motor_speed_droop", "motor_torque_limit", "shaft_compliance", "shaft_play")
+SOFT_DRIVES = ("motor_cogging", "motor_speed_droop", "motor_torque_limit", "shaft_compliance", "shaft_play")
 # the second of each cannot be told from the first by a model that has one coordinate for both
 NEVER_TOGETHER = (
     *({one, other} for one, other in combinations(SOFT_DRIVES, 2)),

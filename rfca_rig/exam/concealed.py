@@ -206,6 +206,12 @@ def motor_torque_limit(world: World, values: Values) -> World:
     return replace(world, drive=replace(world.drive, kp_Nm_s_per_rad=kp, ki_Nm_per_rad=ki, limit_Nm=values["limit_Nm"]))
 
 
+def motor_cogging(world: World, values: Values) -> World:
+    kp, ki = values.get("kp_Nm_s_per_rad", 5.0), values.get("ki_Nm_per_rad", 40.0)
+    drive = replace(world.drive, kp_Nm_s_per_rad=kp, ki_Nm_per_rad=ki)
+    return replace(world, drive=replace(drive, cogging_Nm=values["torque_Nm"], cogging_cycles=values["cycles_per_turn"]))
+
+
 EFFECTS: Mapping[str, Callable[[World, Values], World]] = {
     effect.__name__: effect
     for effect in (
@@ -246,5 +252,6 @@ EFFECTS: Mapping[str, Callable[[World, Values], World]] = {
         shaft_friction,
         shaft_play,
         motor_torque_limit,
+        motor_cogging,
     )
 }

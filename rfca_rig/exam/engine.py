@@ -69,6 +69,8 @@ _DRIVE = (
     "ripple_phase_rad",
     "cable_Nm",
     "limit_Nm",
+    "cogging_Nm",
+    "cogging_cycles",
     "hose_Nm_per_rad",
 )
 

@@ -7,8 +7,8 @@ from rfca_rig.exam.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-# entries of `drive` (14)
-START, KP, KI, ROTOR, SHAFT, SHAFT_DAMPING, SHAFT_GAP, SHAFT_LOSS, RIPPLE, CYCLES, PHASE, CABLE, LIMIT, HOSE = range(14)
+# entries of `drive` (16)
+START, KP, KI, ROTOR, SHAFT, SHAFT_DAMPING, SHAFT_GAP, SHAFT_LOSS, RIPPLE, CYCLES, PHASE, CABLE, LIMIT, COGGING, COGS, HOSE = range(16)
 # entries of `motor` (4): commanded angle and speed, the motor's angle and speed
 TOLD, TOLD_SPEED, TURNED, TURNING = range(4)
 
@@ -48,9 +48,10 @@ def pushed(drive: Floats, motor: Floats, told_before: float, angle: float, speed
     """
     told = 0.5 * (told_before + motor[TOLD])
     asked = drive[KI] * (told - angle) + drive[KP] * ((motor[TOLD] - told_before) / h - speed)
+    magnets = drive[COGGING] * np.sin(drive[COGS] * (angle - drive[START]))
     if abs(asked) > drive[LIMIT]:
-        return drive[LIMIT] if asked > 0.0 else -drive[LIMIT], 0.0
-    return asked, drive[KP]
+        return (drive[LIMIT] if asked > 0.0 else -drive[LIMIT]) + magnets, 0.0
+    return asked + magnets, drive[KP]
 
 
 @compiled

@@ -99,7 +99,7 @@ class Floor:
 @dataclass(frozen=True)
 class DriveOf:
     """What turns the leg. Stiff unless said otherwise; `kp` > 0 puts a rotor under PI control of its speed, whose torque
-    stays within `limit`.
+    stays within `limit`; beside it the motor cogs.
 
     `shaft_Nm_per_rad` > 0 is a twist between motor and leg, with play `shaft_gap` on either side, whose ends lose energy. `cable_Nm` drags
     against the turn, and a hose turns the leg back to its start like a spring.
@@ -119,6 +119,8 @@ class DriveOf:
     ripple_cycles: float = 1.0
     ripple_phase_rad: float = 0.0
     limit_Nm: float = 1e9
+    cogging_Nm: float = 0.0
+    cogging_cycles: float = 1.0
     cable_Nm: float = 0.0
     hose_Nm_per_rad: float = 0.0
     late_s: float = 0.0

@@ -25,7 +25,7 @@ def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, toleranc
     for _ in range(NEWTON_LIMIT):
         assemble(chain, laws, state, LONG_S, q, zero, zero, (0.0, 0.0, 1.0), work)
         if shaft.free:
-            torque, k_angle, _ = drive_torque(shaft, shaft.angle - q[0], 0.0)
+            torque, k_angle, _ = drive_torque(shaft, shaft.angle - q[0], 0.0, q[0])
             work.R[0] -= torque
             work.J[0, 0] += k_angle
         else:

@@ -78,7 +78,7 @@ FAMILIES = (
         frozenset(("motor_speed_droop", "motor_torque_limit", "shaft_compliance", "shaft_play")),
     ),
     Family("shaft_friction", "something drags at the shaft", "shaft", frozenset(("shaft_friction",))),
-    Family("drive_ripple", "the speed of the shaft varies with its angle", "drive", frozenset(("motor_speed_ripple",))),
+    Family("drive_ripple", "the speed of the shaft varies with its angle", "drive", frozenset(("motor_cogging", "motor_speed_ripple"))),
     Family("air_drag", "the surroundings resist the motion", "surroundings", frozenset(("fluid_drag",))),
     Family(
         "sensor_late",

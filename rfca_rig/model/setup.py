@@ -43,7 +43,7 @@ class SoftDrive:
     """A shaft that is not where it is told: torque k (commanded - angle) + kw (commanded speed - speed) on a rotor.
 
     With play, the part with k engages only beyond `gap_rad` on either side, as a contact of Hunt and Crossley: k bent (1 + loss speed).
-    The torque stays within `limit_Nm`.
+    The torque stays within `limit_Nm`; beside it the motor cogs, by `cogging_Nm`, so many `cogging_cycles` a turn.
 
     Before the motion it rests where k carries the weight of the leg, or, if it `holds_start`, where it is told, by a torque that stays.
     """
@@ -55,6 +55,9 @@ class SoftDrive:
     gap_rad: float = 0.0
     loss_s_per_rad: float = 0.0
     limit_Nm: float = float(np.inf)
+    cogging_Nm: float = 0.0
+    cogging_cycles: float = 0.0
+    cogging_phase_rad: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -156,6 +159,9 @@ def softened(shaft: Shaft, drive: SoftDrive, start_rad: float) -> Shaft:
         gap=drive.gap_rad,
         loss=drive.loss_s_per_rad,
         limit=drive.limit_Nm,
+        cogging=drive.cogging_Nm,
+        cycles=drive.cogging_cycles,
+        phase=drive.cogging_phase_rad,
     )
 
 
@@ -240,7 +246,7 @@ def with_drive(setup: Setup, drive: SoftDrive) -> Setup:
     """The setup with a soft drive. Raises BadInput for a second one: two in series need a coordinate that the chain lacks."""
     if setup.drive is not None:
         raise BadInput(
-            "two effects soften the drive (motor_speed_droop, motor_torque_limit, shaft_compliance, shaft_play); the model takes "
-            "one at a time, leave one out"
+            "two effects soften the drive (motor_cogging, motor_speed_droop, motor_torque_limit, shaft_compliance, shaft_play); "
+            "the model takes one at a time, leave one out"
         )
     return replace(setup, drive=drive)

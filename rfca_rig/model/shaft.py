@@ -19,8 +19,10 @@ def shaft_at(shaft: Shaft, t: float) -> tuple[float, float, float]:
 
 
 @inlined
-def drive_torque(shaft: Shaft, angle: float, speed: float) -> tuple[float, float, float]:
-    """The torque on a free shaft that is `angle` and `speed` behind, and its derivatives by both."""
+def drive_torque(shaft: Shaft, angle: float, speed: float, at: float) -> tuple[float, float, float]:
+    """The torque on a free shaft that is `angle` and `speed` behind and stands `at` this angle, and by how much it falls with angle and
+    speed.
+    """
     bent, k_angle, k_speed = angle, shaft.k_angle, shaft.k_speed
     if shaft.gap > 0.0:
         bent = angle - shaft.gap if angle >= shaft.gap else (angle + shaft.gap if angle <= -shaft.gap else 0.0)
@@ -31,7 +33,11 @@ def drive_torque(shaft: Shaft, angle: float, speed: float) -> tuple[float, float
         bent *= pressed
     torque = shaft.feed + shaft.k_angle * bent + shaft.k_speed * speed
     if abs(torque) > shaft.limit:
-        return shaft.limit * np.sign(torque), 0.0, 0.0
+        torque, k_angle, k_speed = shaft.limit * np.sign(torque), 0.0, 0.0
+    if shaft.cogging != 0.0:  # of the magnets: no limit of the current holds for it
+        turned = shaft.cycles * (at - shaft.angle) + shaft.phase
+        torque += shaft.cogging * np.sin(turned)
+        k_angle -= shaft.cogging * shaft.cycles * np.cos(turned)
     return torque, k_angle, k_speed
 
 
@@ -43,7 +49,7 @@ def drive_rotor(shaft: Shaft, t: float, q: Floats, w: Floats, a: Floats, g: floa
     angle, speed = shaft.angle, shaft.speed
     if shaft.breaks.size > 0:
         angle, speed, _ = shaft_at(shaft, t)
-    torque, k_angle, k_speed = drive_torque(shaft, angle - q[0], speed - w[0])
+    torque, k_angle, k_speed = drive_torque(shaft, angle - q[0], speed - w[0], q[0])
     work.R[0] += shaft.rotor * a[0] - torque
     if derive:
         work.J[0, 0] += shaft.rotor + g * k_speed + g * g * k_angle

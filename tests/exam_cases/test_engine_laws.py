@@ -67,6 +67,6 @@ def test_a_bump_has_its_own_slope():
 def test_command_ramps_and_ripples():
     knots = np.array([[0.0, 0.05, 2.0], [0.0, 2.0, 2.0]])
     assert [asked_speed(knots, t) for t in (-0.1, 0.0, 0.025, 0.05, 1.0, 2.1)] == pytest.approx([0.0, 0.0, 1.0, 2.0, 2.0, 0.0])
-    drive = np.zeros(14)
+    drive = np.zeros(16)
     drive[START], drive[RIPPLE], drive[CYCLES] = 0.2, 0.1, 4.0
     assert rippled(drive, 0.2 + np.pi / 4.0, 2.0) == pytest.approx(1.8)

@@ -27,6 +27,7 @@ IN_MOTION_ONLY = (
     "clock_offset",
     "sensor_clock_rate",
     "sensor_drift",
+    "motor_cogging",
     "motor_speed_droop",
     "motor_torque_limit",
     "shaft_friction",

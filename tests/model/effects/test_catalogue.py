@@ -30,6 +30,7 @@ PARAMETERS = {
     "motor_speed_droop": ("kp_Nm_s_per_rad", "ki_Nm_per_rad"),
     "motor_speed_ripple": ("amplitude_relative", "cycles_per_turn"),
     "motor_torque_limit": ("limit_Nm",),
+    "motor_cogging": ("torque_Nm", "cycles_per_turn"),
     "shaft_compliance": ("stiffness_Nm_per_rad",),
     "shaft_play": ("half_gap_deg",),
     "shaft_friction": ("torque_Nm",),

@@ -21,15 +21,15 @@ def commanded(t):
     return (0.2 + 20.0 * t**2, 40.0 * t) if t < 0.05 else (0.25 + 2.0 * (t - 0.05), 2.0)
 
 
-def by_scipy(t, k_angle, k_speed, rotor):
+def by_scipy(t, k_angle, k_speed, rotor, magnets=lambda angle: 0.0):
     def rhs(now, x):
         angle, speed = commanded(now)
-        torque = k_angle * (angle - x[0]) + k_speed * (speed - x[1])
+        torque = k_angle * (angle - x[0]) + k_speed * (speed - x[1]) + magnets(x[0])
         return [x[1], (torque + WEIGHT_Nm * np.cos(x[0])) / (INERTIA + rotor)]
 
     rest = 0.2
     for _ in range(100):
-        rest = 0.2 + WEIGHT_Nm * np.cos(rest) / k_angle
+        rest = 0.2 + (WEIGHT_Nm * np.cos(rest) + magnets(rest)) / k_angle
     first = solve_ivp(rhs, (0.0, 0.05), [rest, 0.0], "Radau", t[t <= 0.05], rtol=1e-9, atol=1e-11)
     begun = solve_ivp(rhs, (0.0, 0.05), [rest, 0.0], "Radau", rtol=1e-9, atol=1e-11).y[:, -1]
     return np.concatenate([first.y[0], solve_ivp(rhs, (0.05, t[-1]), begun, "Radau", t[t > 0.05], rtol=1e-9, atol=1e-11).y[0]])
@@ -41,6 +41,15 @@ def test_a_drooping_drive_turns_as_another_integrator_has_the_loop_on_its_rotor(
     ours = stroke_following(rig, NO_GROUND_M, MOTION, t, TIGHT)
     expected = by_scipy(t, 10.0, 0.6, 0.006)
     assert np.abs(expected - [commanded(x)[0] for x in t]).max() > 0.03
+    assert ours.q_rad[:, 0] == pytest.approx(expected, abs=2e-6)
+
+
+def test_a_motor_that_cogs_turns_as_another_integrator_has_it():
+    t = np.linspace(0.01, 1.0, 100)
+    values = {"torque_Nm": 0.2, "cycles_per_turn": 12.0, "phase_cycles": 0.2, "kp_Nm_s_per_rad": 1.0, "ki_Nm_per_rad": 20.0}
+    ours = stroke_following(having(pendulum(1), motor_cogging=values), NO_GROUND_M, MOTION, t, TIGHT)
+    expected = by_scipy(t, 20.0, 1.0, 0.006, lambda angle: 0.2 * np.sin(12.0 * (angle - 0.2) + 0.4 * np.pi))
+    assert np.abs(expected - by_scipy(t, 20.0, 1.0, 0.006)).max() > 5e-3
     assert ours.q_rad[:, 0] == pytest.approx(expected, abs=2e-6)
 
 
@@ -79,7 +88,7 @@ def test_a_shaft_with_play_gives_no_energy_back_in_closed_loops_and_never_pulls(
         size, phase, rate = random.uniform(0.0, 2.0 * gap, 3), random.uniform(0.0, 2.0 * np.pi, 3), random.uniform(0.1, 100.0)
         angle = sum(size[k] * np.sin((k + 1) * turn + phase[k]) for k in range(3))
         speed = rate * np.gradient(angle, turn)
-        torque = np.array([drive_torque(shaft, a, w)[0] for a, w in zip(angle, speed, strict=True)])
+        torque = np.array([drive_torque(shaft, a, w, 0.0)[0] for a, w in zip(angle, speed, strict=True)])
         assert np.trapezoid(torque, angle) >= -1e-3 * np.ptp(angle) * np.abs(torque).max()
         assert (torque * angle >= 0.0).all()
         assert (torque[np.abs(angle) < gap] == 0.0).all()

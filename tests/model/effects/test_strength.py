@@ -49,6 +49,7 @@ NEUTRAL = {
     "ground_adhesion": {"force_N": 0.0},
     "motor_speed_droop": {"kp_Nm_s_per_rad": 1e8, "ki_Nm_per_rad": 1e9},
     "motor_speed_ripple": {"amplitude_relative": 0.0, "cycles_per_turn": 10.0},
+    "motor_cogging": {"torque_Nm": 0.0, "cycles_per_turn": 14.0},
     "motor_torque_limit": {"limit_Nm": 1e9, "kp_Nm_s_per_rad": 1e8, "ki_Nm_per_rad": 1e9},
     "shaft_compliance": {"stiffness_Nm_per_rad": 1e10},
     "shaft_play": {"half_gap_deg": 0.0},
@@ -95,6 +96,7 @@ SMALL = {
     "motor_speed_droop": {"kp_Nm_s_per_rad": 20.0, "ki_Nm_per_rad": 200.0},
     "motor_speed_ripple": {"amplitude_relative": 0.01, "cycles_per_turn": 8.0},
     "motor_torque_limit": {"limit_Nm": 6.1},
+    "motor_cogging": {"torque_Nm": 0.3, "cycles_per_turn": 14.0},
     "shaft_compliance": {"stiffness_Nm_per_rad": 500.0},
     "shaft_play": {"half_gap_deg": 0.5},
     "shaft_friction": {"torque_Nm": 0.05},
@@ -139,7 +141,7 @@ def test_at_a_plausible_strength_an_effect_shows_in_the_force(id_, plain):
         assert 0.01 < np.sqrt(np.mean((stroke.fz_N - plain.fz_N) ** 2)) < 10.0
 
 
-SOFT_DRIVES = ("motor_torque_limit", "shaft_compliance", "shaft_play")  # beside motor_speed_droop
+SOFT_DRIVES = ("motor_cogging", "motor_torque_limit", "shaft_compliance", "shaft_play")  # beside motor_speed_droop
 TOGETHER = {name: values for name, values in SMALL.items() if name not in SOFT_DRIVES}
 
 

@@ -1,0 +1,44 @@
+"""A motor whose magnets pull it towards even angles; its loop holds against that, the better the slower it turns."""
+
+import numpy as np
+
+from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.effects.motor_speed_droop import ROTOR_KG_M2
+from rfca_rig.model.setup import Setup, SoftDrive, with_drive
+
+
+def apply(setup: Setup, values: Values) -> Setup:
+    """A motor that does not cog is the plain one."""
+    if values["torque_Nm"] == 0.0:
+        return setup
+    drive = SoftDrive(
+        values["ki_Nm_per_rad"],
+        values["kp_Nm_s_per_rad"],
+        ROTOR_KG_M2,
+        setup.rig.drive.holds_start,
+        cogging_Nm=values["torque_Nm"],
+        cogging_cycles=values["cycles_per_turn"],
+        cogging_phase_rad=float(2.0 * np.pi * values["phase_cycles"]),
+    )
+    return with_drive(setup, drive)
+
+
+EFFECT = Effect(
+    id="motor_cogging",
+    where="drive",
+    left_out="the motor cogs",
+    law="tau = T sin(n (theta - theta_0) + phase) beside kp (w_c - w) + ki (theta_c - theta)",
+    source="cogging torque of permanent-magnet motors: teeth and magnets, n is their least common multiple",
+    parameters=(
+        Parameter("torque_Nm", 0.02, 2.0, starts=(0.3,)),
+        # a stroke is half a turn: it tells cycles apart that differ by two
+        Parameter("cycles_per_turn", 4.0, 90.0, may_be_zero=False, starts=tuple(1.5 * n for n in range(3, 60))),
+    ),
+    apply=apply,
+    # A drive that sags by 25 mrad under 1 N m. Periodic in the phase: a fit may leave half a cycle either way
+    shape=(
+        Parameter("phase_cycles", -0.5, 0.5, starts=(-0.25, 0.0, 0.25, 0.5)),
+        Parameter("kp_Nm_s_per_rad", 0.5, 200.0, may_be_zero=False, neutral=5.0),
+        Parameter("ki_Nm_per_rad", 1.0, 5000.0, may_be_zero=False, neutral=40.0),
+    ),
+)
