@@ -207,7 +207,7 @@ def motor_torque_limit(world: World, values: Values) -> World:
 
 
 def motor_cogging(world: World, values: Values) -> World:
-    kp, ki = values.get("kp_Nm_s_per_rad", 5.0), values.get("ki_Nm_per_rad", 40.0)
+    kp, ki = values.get("kp_Nm_s_per_rad", 15.0), values.get("ki_Nm_per_rad", 300.0)
     drive = replace(world.drive, kp_Nm_s_per_rad=kp, ki_Nm_per_rad=ki)
     return replace(world, drive=replace(drive, cogging_Nm=values["torque_Nm"], cogging_cycles=values["cycles_per_turn"]))
 

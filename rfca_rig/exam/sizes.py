@@ -71,7 +71,7 @@ SPANS: Mapping[str, Mapping[str, Span]] = {
     "sensor_clock_rate": {"rate_relative": Span(0.001, 0.02, either_sign=True)},
     "shaft_friction": {"torque_Nm": Span(0.01, 0.5)},
     "shaft_play": {"half_gap_deg": Span(0.3, 2.0)},
-    "motor_cogging": {"torque_Nm": Span(0.05, 1.0), "cycles_per_turn": Span(6.0, 40.0, free=True)},
+    "motor_cogging": {"torque_Nm": Span(0.1, 2.0), "cycles_per_turn": Span(6.0, 40.0, free=True)},
     "motor_torque_limit": {"limit_Nm": Span(8.0, 5.0)},
     "sensor_crosstalk_matrix": {
         "fz_per_fy": Span(0.005, 0.1, either_sign=True),

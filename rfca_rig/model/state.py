@@ -98,8 +98,8 @@ class Laws(NamedTuple):
 class Shaft(NamedTuple):
     """What turns the shaft: a prescribed piecewise cubic angle, or (`free`) a rotor under
     feed + k_angle (angle - q) + k_speed (speed - w), where angle and speed follow the piecewise cubic if there is one. The part with
-    k_angle engages only beyond `gap` on either side, there with the factor 1 + `loss` (speed - w), and the torque stays within `limit`. Beside it
-    acts cogging sin(cycles (q - angle at the start) + phase).
+    k_angle engages only beyond `gap` on either side, there with the factor 1 + `loss` (speed - w). The torque stays within `limit`.
+    Beside it acts cogging sin(cycles (q - angle at the start) + phase).
     """
 
     breaks: Floats

@@ -30,15 +30,16 @@ EFFECT = Effect(
     law="tau = T sin(n (theta - theta_0) + phase) beside kp (w_c - w) + ki (theta_c - theta)",
     source="cogging torque of permanent-magnet motors: teeth and magnets, n is their least common multiple",
     parameters=(
-        Parameter("torque_Nm", 0.02, 2.0, starts=(0.3,)),
+        Parameter("torque_Nm", 0.02, 3.0, starts=(0.5,)),
         # a stroke is half a turn: it tells cycles apart that differ by two
         Parameter("cycles_per_turn", 4.0, 90.0, may_be_zero=False, starts=tuple(1.5 * n for n in range(3, 60))),
     ),
     apply=apply,
-    # A drive that sags by 25 mrad under 1 N m. Periodic in the phase: a fit may leave half a cycle either way
+    # A drive that sags by 0.2 to 10 mrad under 1 N m; a softer one is `motor_speed_droop`
+    # Periodic in the phase: a fit may leave half a cycle either way
     shape=(
         Parameter("phase_cycles", -0.5, 0.5, starts=(-0.25, 0.0, 0.25, 0.5)),
-        Parameter("kp_Nm_s_per_rad", 0.5, 200.0, may_be_zero=False, neutral=5.0),
-        Parameter("ki_Nm_per_rad", 1.0, 5000.0, may_be_zero=False, neutral=40.0),
+        Parameter("kp_Nm_s_per_rad", 5.0, 200.0, may_be_zero=False, neutral=15.0),
+        Parameter("ki_Nm_per_rad", 100.0, 5000.0, may_be_zero=False, neutral=300.0),
     ),
 )

@@ -22,5 +22,4 @@ EFFECT = Effect(
         Parameter("ki_Nm_per_rad", 1.0, 5000.0, may_be_zero=False),
     ),
     apply=apply,
-    variant_of="motor_torque_limit",  # with a limit that is never reached
 )

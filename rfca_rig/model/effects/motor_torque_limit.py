@@ -24,9 +24,9 @@ EFFECT = Effect(
     source="current limit of a servo drive; its integrator goes on, as without anti-windup",
     parameters=(Parameter("limit_Nm", 0.5, 20.0, may_be_zero=False, starts=tuple(0.7 * 1.3**n for n in range(12))),),
     apply=apply,
-    # Within the limit: a drive that sags by 1 mrad under 1 N m
+    # Within the limit: a drive that sags by 0.2 to 2 mrad under 1 N m. A softer one is `motor_speed_droop`, with or without a limit
     shape=(
-        Parameter("kp_Nm_s_per_rad", 0.5, 200.0, may_be_zero=False, neutral=50.0),
-        Parameter("ki_Nm_per_rad", 1.0, 5000.0, may_be_zero=False, neutral=1000.0),
+        Parameter("kp_Nm_s_per_rad", 20.0, 200.0, may_be_zero=False, neutral=50.0),
+        Parameter("ki_Nm_per_rad", 500.0, 5000.0, may_be_zero=False, neutral=1000.0),
     ),
 )

@@ -25,6 +25,7 @@ EFFECT = Effect(
     left_out="the force clock runs fast or slow",
     law="force(t) = true force(t - rate t), t from the beginning of the motion",
     source="-",
-    parameters=(Parameter("rate_relative", -0.03, 0.03, below=0.5),),
+    # a shift by more than a spike of the force is no longer proportional to the rate: the small ones are tried, too
+    parameters=(Parameter("rate_relative", -0.03, 0.03, below=0.5, starts=(-0.012, -0.004, -0.0015, 0.0015, 0.004, 0.012)),),
     apply=apply,
 )

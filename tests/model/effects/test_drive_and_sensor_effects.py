@@ -21,7 +21,7 @@ def commanded(t):
     return (0.2 + 20.0 * t**2, 40.0 * t) if t < 0.05 else (0.25 + 2.0 * (t - 0.05), 2.0)
 
 
-def by_scipy(t, k_angle, k_speed, rotor, magnets=lambda angle: 0.0):
+def by_scipy(t, k_angle, k_speed, rotor, magnets=lambda _: 0.0):
     def rhs(now, x):
         angle, speed = commanded(now)
         torque = k_angle * (angle - x[0]) + k_speed * (speed - x[1]) + magnets(x[0])
