@@ -9,6 +9,7 @@ import numpy as np
 
 from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
 from rfca_rig.analysis.fitting.space import Parameter as Believed
+from rfca_rig.description.sections import SOFTEST_K2
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import OF_PENDULUMS
@@ -146,7 +147,9 @@ def _limits_of(parameter: Believed[Supposed]) -> Callable[[Value], str | None]:
         return _between(-180.0, 180.0)
     if parameter.name == "friction":
         return _between(0.0, 5.0)
-    if parameter.name in ("k2", "hinge_damping", "contact_damping", "tangential_damping"):
+    if parameter.name == "k2":
+        return _is_monotone
+    if parameter.name in ("hinge_damping", "contact_damping", "tangential_damping"):
         return _not_negative
     return _above_zero if parameter.relative else _finite
 
@@ -206,6 +209,11 @@ def _above_zero(value: Value) -> str | None:
 
 def _not_negative(value: Value) -> str | None:
     return _finite(value) or (None if _number(value) >= 0.0 else "must be 0 or more")
+
+
+def _is_monotone(k2_per_rad2: Value) -> str | None:
+    softest = f"must be {SOFTEST_K2:.3f} or more: below, the torque of a hinge falls before 90 degrees"
+    return _finite(k2_per_rad2) or (None if _number(k2_per_rad2) >= SOFTEST_K2 else softest)
 
 
 def _between(low: float, high: float) -> Callable[[Value], str | None]:

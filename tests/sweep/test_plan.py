@@ -161,6 +161,7 @@ def test_a_wrong_file_is_one_line(tmp_path, change, said):
         ({"vary": ["k0=8:9"], "samples": 8, "method": "lhs"}, "--method lhs: should be sobol or latin"),
         ({"vary": ["links=1:8:8"]}, "links = 1: must be a whole number of 2 to 60"),
         ({"vary": ["k0=1:2:100000", "k2=1:2:1000"]}, "at most 10000000 in one sweep"),
+        ({"vary": ["k2=-0.2,1"]}, "k2_per_rad2 = -0.2: must be -0.135 or more: below, the torque of a hinge falls before 90 degrees"),
         ({"vary": ["height=1,2"]}, "did you mean height_mm"),
         ({"vary": ["tip_mass.mass_g=1,2"], "outputs": "static_load_N@60"}, "static_load_N@60deg: statics know the plain leg only"),
         ({"vary": ["k0=9,10"], "outputs": "energy_J,energy_J"}, "the output energy_J is named twice"),
@@ -171,3 +172,8 @@ def test_wrong_options_are_one_line(words, said):
     with pytest.raises(BadInput, match=said) as refused:
         typed(*words.pop("vary"), **words)
     assert "\n" not in str(refused.value)
+
+
+def test_a_spring_that_softens_may_be_swept():
+    plan = typed("k2=-0.1,0.5")
+    assert [plan.point(case) for case in range(plan.count)] == [(-0.1,), (0.5,)]
