@@ -15,9 +15,11 @@ from rfca_rig.report.table2_files import as_table
 from rfca_rig.report.templates import template
 from rfca_rig.report.wording import (
     DEFINITION,
+    REGIONS_DEFINITION,
     SHAFT_WORDS,
     counted,
     number,
+    regions_sentence,
     repeats_sentence,
     rms_sentence,
     scales_sentence,
@@ -42,6 +44,7 @@ def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: 
         static_tables=[table for source in sources for table in stage_tables(source.name, source.recording.static)],
         models=_models(sources, told.model_file),
         definition=DEFINITION,
+        regions_definition=REGIONS_DEFINITION,
     )
 
 
@@ -79,7 +82,8 @@ def _figures(sources: Sequence[ComparedSource], shaft: Shaft) -> list[dict[str, 
                 "source": source.name if several else "",
                 "svg": drawn.svg,
                 "caption": unbroken(
-                    f"{repeats_sentence(compared)} {shaft_sentence(compared, shaft)} {rms_sentence(compared)} {scales_sentence(drawn)}"
+                    f"{repeats_sentence(compared)} {shaft_sentence(compared, shaft)} {regions_sentence(compared, drawn)} "
+                    f"{rms_sentence(compared)} {scales_sentence(drawn)}"
                 ),
             }
         )

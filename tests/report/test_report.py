@@ -151,6 +151,28 @@ def test_the_page_says_what_it_shows(mixed):
     assert not re.search(r"\bnan\b|None|\binf\b", text)
 
 
+def test_every_picture_marks_the_regions_and_its_caption_gives_their_borders(mixed):
+    page = (mixed / "report.html").read_text()
+    svgs = re.findall(r"<svg[^>]*role=.img.*?</svg>", page, flags=re.DOTALL)
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", page, flags=re.DOTALL)
+    assert len(svgs) == len(captions) == 2
+    for svg, caption, row in zip(svgs, captions, table(mixed)["rows"], strict=True):
+        for name in ("I", "II", "III"):
+            assert len(re.findall(rf">\s*{name}\s*</text>", svg)) == 1, name
+        said = re.search(r"Regions: I to ([\d.]+)\Ws, II to ([\d.]+)\Ws, III to ([\d.]+)\Ws \(mean over the repeats\)", caption)
+        first, second, third = map(float, said.groups())
+        assert 0.1 < first < second < third < second + 0.1
+        assert second == pytest.approx(row["measured_time_s"], abs=6e-4), "region II ends at the valley of Table II"
+    assert "I is the free swing" in Outline(page).text
+
+
+def test_a_leg_in_the_air_has_no_regions_ii_and_iii(tmp_path):
+    t_s = traces.even(1000.0)
+    folder = written(tmp_path, recording((traces.stroke(t_s, np.full(len(t_s), 3.1), height_m=0.5),)))
+    text = Outline((folder / "report.html").read_text()).text
+    assert "No regions II and III" in text and "Regions: " not in text
+
+
 def test_a_title_is_text_and_never_markup(mixed):
     assert "<bold>" not in (mixed / "report.html").read_text()
 
