@@ -163,7 +163,7 @@ def test_twin_and_import_in_one_report(here, monkeypatch, capsys):
         (("dynamic", "run", "--height", "215", "--speed", "25"), "above the rig's limit of 20 rad/s"),
         (("dynamic", "run", "--height", "100", "--speed", "15"), "the model expects"),
         (("dynamic", "run", "--repeats", "0"), "--repeats"),
-        (("dynamic", "run", "--protocol", "nonsense"), "there are fatigue, flapping, impact, static-angle, table2"),
+        (("dynamic", "run", "--protocol", "nonsense"), "there are bending, fatigue, flapping, impact, static-angle, table2"),
         (("dynamic", "run", "--protocol", "static-angle"), "experiment"),
         (("dynamic", "run", "--rig", "nowhere.toml"), "nowhere.toml"),
         (("static", "run", "--protocol", "flapping"), "experiment"),
