@@ -1,12 +1,13 @@
 """Measured and simulated strokes side by side, and what is left when one is taken from the other."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.counterpart import Counterpart, Shaft, counterparts
-from rfca_rig.analysis.phases import PHASES, Refused, StrokePhases
+from rfca_rig.analysis.phases import PHASES, Refused, StrokePhases, simulated_phases
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.analysis.valley import Valley, valley_and_phases
 from rfca_rig.model.parameters import RigModel
@@ -38,6 +39,16 @@ class ComparedCondition:
     repeats: tuple[ComparedRepeat, ...]
     simulated: tuple[Counterpart, ...]
 
+    @property
+    def contact_is_measured(self) -> bool:
+        """Whether at least one repeat shows its contact with the ground."""
+        return any(np.isfinite(r.phases.touchdown_s) for r in self.repeats)
+
+    def mean_phases(self) -> StrokePhases:
+        """Each border as the mean over the repeats that reached it; by the simulated strokes where no repeat shows its contact."""
+        measured = [r.phases for r in self.repeats]
+        return _mean_phases(measured if self.contact_is_measured else [_phases_of(model) for model in self.simulated])
+
     def rms_N(self) -> dict[str, float]:
         """Root mean square of the residual over all repeats, by phase; phases without samples are left out."""
         residual = np.concatenate([r.residual_N for r in self.repeats])
@@ -66,6 +77,23 @@ def _compare_stroke(stroke: Stroke, model: Counterpart) -> ComparedRepeat:
     t_s, fz_N = trace
     valley, phases = valley_and_phases(t_s, fz_N)
     return ComparedRepeat(stroke.repeat, t_s, fz_N, fz_N - _simulated_fz(model, t_s), valley, phases)
+
+
+def _phases_of(model: Counterpart) -> StrokePhases:
+    return simulated_phases(model.stroke, model.valley.time_s if isinstance(model.valley, Valley) else np.inf)
+
+
+def _mean_phases(each: Sequence[StrokePhases]) -> StrokePhases:
+    return StrokePhases(
+        touchdown_s=_mean_of_finite([phases.touchdown_s for phases in each]),
+        valley_s=_mean_of_finite([phases.valley_s for phases in each]),
+        lift_off_s=_mean_of_finite([phases.lift_off_s for phases in each]),
+    )
+
+
+def _mean_of_finite(times_s: Sequence[float]) -> float:
+    finite = [time_s for time_s in times_s if np.isfinite(time_s)]
+    return float(np.mean(finite)) if finite else np.inf
 
 
 def _simulated_fz(model: Counterpart, t_s: Floats) -> Floats:

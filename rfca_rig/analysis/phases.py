@@ -18,6 +18,7 @@ from rfca_rig.model.stroke import SimulatedStroke
 Floats = NDArray[np.float64]
 
 PHASES = ("rest", "free", "touchdown", "loading", "release", "rebound")
+REGIONS = ("I", "II", "III")
 TOUCHDOWN_LASTS_S = 0.030
 SMOOTHING_S = 0.020
 GRID_S = 0.001
@@ -27,6 +28,15 @@ SAME_IMPULSE = 0.5
 COURSE_S = 0.020
 AHEAD_S = 0.004
 OFF_COURSE_N = 0.6
+
+
+@dataclass(frozen=True)
+class StrokeRegion:
+    """One of the paper's regions I to III with its borders, in seconds from the commanded start."""
+
+    name: str
+    begin_s: float
+    end_s: float
 
 
 @dataclass(frozen=True)
@@ -58,6 +68,16 @@ class StrokePhases:
         valley_s = min(self.valley_s, self.lift_off_s)
         borders = np.array([0.0, self.touchdown_s, self.touchdown_s + TOUCHDOWN_LASTS_S, valley_s, self.lift_off_s])
         return np.searchsorted(np.maximum.accumulate(borders), t_s, side="right")
+
+    def regions(self, end_s: float) -> tuple[StrokeRegion, ...]:
+        """Those of the regions I to III that begin before `end_s`, where the last is cut: free swing, loading, release.
+
+        The paper compares lead and lag of the model in them (section IV.B). Its text names them and leaves their borders to Fig. 7.
+        Without a valley the loading lasts to lift-off, as in `number`.
+        """
+        borders = (0.0, self.touchdown_s, min(self.valley_s, self.lift_off_s), self.lift_off_s)
+        pairs = zip(REGIONS, borders[:-1], borders[1:], strict=True)
+        return tuple(StrokeRegion(name, begin_s, min(to_s, end_s)) for name, begin_s, to_s in pairs if begin_s < min(to_s, end_s))
 
 
 def smoothed(t_s: Floats, fz_N: Floats) -> LocalFit:

@@ -89,10 +89,12 @@ def read_held_against(recordings: "Sequence[Recording]", model: Path | None) -> 
 
 def _say(result: "StaticResult", out: Path) -> None:
     from rfca_rig.analysis.torque_rotation.remarks import remarks
+    from rfca_rig.report.static_page import bend_sentence
 
     values = result.values
     for line in remarks(result):
         typer.echo(line, err=True)
+    typer.echo(bend_sentence(result), err=True)
     typer.echo(
         f"{out / 'static.html'}: k0 {values.k0_Nm_per_rad:.3f} +- {values.reach * values.k0_std:.3f} N m/rad, "
         f"k2 {values.k2_per_rad2:.3f} +- {values.reach * values.k2_std:.3f} 1/rad2 (95 %)",

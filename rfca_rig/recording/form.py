@@ -80,6 +80,11 @@ class StaticStage:
         if not self.hinge_std_deg:
             object.__setattr__(self, "hinge_std_deg", (math.nan,) * len(self.hinge_deg))
 
+    @property
+    def bend_deg(self) -> float:
+        """The angle between the first link and the last, without sign: the sum of the hinge angles. NaN where one of them is unknown."""
+        return abs(math.fsum(self.hinge_deg)) if self.hinge_deg else math.nan
+
 
 @dataclass(frozen=True)
 class RawStage:

@@ -30,7 +30,7 @@ SPECIAL = {
 }
 
 
-SYMBOLS = {"fx": "$F_x$", "fy": "$F_y$", "fz": "$F_z$", "tx": "$T_x$", "k0": "$k_0$", "k2": "$k_2$"}
+SYMBOLS = {"|F|": "$|F|$", "fx": "$F_x$", "fy": "$F_y$", "fz": "$F_z$", "tx": "$T_x$", "k0": "$k_0$", "k2": "$k_2$"}
 
 
 def tex_head(text: str) -> str:

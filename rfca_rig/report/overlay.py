@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.compare import ComparedCondition
+from rfca_rig.analysis.phases import StrokePhases, StrokeRegion
 from rfca_rig.analysis.valley import Valley
 from rfca_rig.report.envelope import envelope
 from rfca_rig.report.inline_svg import inline_svg
@@ -19,8 +20,11 @@ Floats = NDArray[np.float64]
 COLUMNS = 330
 MOST_POINTS = 24000  # of all lines together; with many repeats each is drawn coarser
 SIZE_IN = (4.9, 3.5)
-FORCE_BOX = (0.125, 0.43, 0.86, 0.51)
+FORCE_BOX = (0.125, 0.43, 0.86, 0.465)
 RESIDUAL_BOX = (0.125, 0.13, 0.86, 0.195)
+RULER_AT, WORDS_AT = 1.03, 1.13  # above the frame, in heights of the force axes
+WORD_SHARE = 0.1  # of the width, which "lift-off" takes
+REST_DRAWN_S = 0.1
 BEFORE_VALLEY_S = 0.01  # half the width of a valley's parabola
 
 
@@ -32,10 +36,11 @@ class Overlay:
     force_span_N: float
     residual_limit_N: float
     beyond_N: float | None
+    regions: tuple[StrokeRegion, ...]
 
 
 def draw_overlay(compared: ComparedCondition, salt: str) -> Overlay:
-    """Measured strokes thin and dark, simulated broad and light, valleys marked; residual in its own axes.
+    """Measured strokes thin and dark, simulated broad and light, valleys and the regions I to III marked; residual in its own axes.
 
     The residual's scale covers everything up to the first valley, measured or simulated: where one stroke has let go and the other not,
     the residual is as large as the force itself. What goes beyond is cut at the frame and told in `beyond_N`.
@@ -49,10 +54,10 @@ def draw_overlay(compared: ComparedCondition, salt: str) -> Overlay:
         _draw_force(force, compared, end_s, columns)
         _draw_residual(residual, compared, limit_N, columns)
         for axes in (force, residual):
-            axes.set_xlim(-0.1, end_s)
+            axes.set_xlim(-REST_DRAWN_S, end_s)
         low, high = force.get_ylim()
         svg = inline_svg(figure, salt, f"fz over time at {compared.condition.label}, measured and simulated, with the residual below")
-    return Overlay(svg, high - low, limit_N, beyond_N)
+    return Overlay(svg, high - low, limit_N, beyond_N, compared.mean_phases().regions(end_s))
 
 
 def _draw_force(axes: Axes, compared: ComparedCondition, end_s: float, columns: int) -> None:
@@ -66,7 +71,7 @@ def _draw_force(axes: Axes, compared: ComparedCondition, end_s: float, columns: 
     _mark_valleys(axes, (r.valley for r in compared.repeats), marker="o", mfc="none", mec=MEASURED, ms=7.0, mew=0.8)
     axes.margins(y=0.06)
     axes.set_ylabel("fz (N)")
-    _mark_phases(axes, compared)
+    _mark_phases(axes, compared.mean_phases(), end_s)
 
 
 def _mark_valleys(axes: Axes, valleys: Iterable[object], *, marker: str, mfc: str, mec: str, ms: float, mew: float) -> None:
@@ -74,15 +79,28 @@ def _mark_valleys(axes: Axes, valleys: Iterable[object], *, marker: str, mfc: st
     axes.plot([v.time_s for v in found], [v.fz_N for v in found], ls="", marker=marker, mfc=mfc, mec=mec, ms=ms, mew=mew, zorder=5)
 
 
-def _mark_phases(axes: Axes, compared: ComparedCondition) -> None:
-    """Borders as the mean over the repeats that reached them."""
-    names = {"touchdown_s": ("contact", "center"), "valley_s": ("valley", "right"), "lift_off_s": ("lift-off", "left")}
-    for name, (word, side) in names.items():
-        reached = [t for t in (getattr(r.phases, name) for r in compared.repeats) if np.isfinite(t)]
-        if reached:
-            at_s = float(np.mean(reached))
-            axes.axvline(at_s, color=FAINT, lw=0.5, ls=(0, (2, 2)), zorder=0)
-            axes.text(at_s, 1.01, word, transform=axes.get_xaxis_transform(), ha=side, va="bottom", fontsize=SMALL, color="#555555")
+def _mark_phases(axes: Axes, phases: StrokePhases, end_s: float) -> None:
+    """Borders with their words, and between them the regions on a ruler above the frame."""
+    across = axes.get_xaxis_transform()
+    for at_s, word, side in _border_words(phases, end_s):
+        axes.plot([at_s, at_s], [0.0, WORDS_AT], color=FAINT, lw=0.5, ls=(0, (2, 2)), zorder=0, transform=across, clip_on=False)
+        axes.text(at_s, WORDS_AT + 0.01, word, transform=across, ha=side, va="bottom", fontsize=SMALL, color="#555555")
+    for region in phases.regions(end_s):
+        span_s = [region.begin_s, region.end_s]
+        axes.plot(span_s, [RULER_AT, RULER_AT], color=FAINT, lw=1.0, marker="|", ms=4.0, transform=across, clip_on=False)
+        axes.text(float(np.mean(span_s)), RULER_AT + 0.015, region.name, transform=across, ha="center", va="bottom", fontsize=SMALL)
+
+
+def _border_words(phases: StrokePhases, end_s: float) -> list[tuple[float, str, str]]:
+    """Time, word and side of each border within the frame; a lift-off near the right edge has its word on the left where there is room."""
+    width_s = end_s + REST_DRAWN_S
+    last = phases.lift_off_s > end_s - WORD_SHARE * width_s and phases.lift_off_s - phases.valley_s > WORD_SHARE * width_s
+    words = [
+        (phases.touchdown_s, "contact", "center"),
+        (phases.valley_s, "valley", "right"),
+        (phases.lift_off_s, "lift-off", "right" if last else "left"),
+    ]
+    return [each for each in words if each[0] <= end_s]
 
 
 def _draw_residual(axes: Axes, compared: ComparedCondition, limit_N: float, columns: int) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from rfca_rig.analysis.compare import ComparedCondition, compare_condition
 from rfca_rig.analysis.counterpart import Shaft
+from rfca_rig.analysis.peak_force import PeakForceRow, peak_row_of
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.analysis.table2 import Row, row_of
 from rfca_rig.description.believed import believed_model
@@ -23,7 +24,7 @@ class GivenModel:
 
 @dataclass(frozen=True)
 class ComparedSource:
-    """One recording compared condition by condition; `rows` go with `compared`, one for one.
+    """One recording compared condition by condition; `rows` and `peaks` go with `compared`, one for one.
 
     `rig` is None where nothing was believed and there is no stroke to hold a model against.
     """
@@ -36,6 +37,10 @@ class ComparedSource:
     @property
     def rows(self) -> tuple[Row, ...]:
         return tuple(row_of(compared, self.name) for compared in self.compared)
+
+    @property
+    def peaks(self) -> tuple[PeakForceRow, ...]:
+        return tuple(peak_row_of(compared, self.name) for compared in self.compared)
 
 
 def compare_sources(

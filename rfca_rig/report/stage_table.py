@@ -19,6 +19,7 @@ READINGS = (
     Column("tx_std_Nm", role="kept"),
     Column("settled", "Settled"),
 )
+BEND = Column("bend_deg", "Bend", digits=1)
 
 
 def stage_tables(name: str, stages: Sequence[StaticStage]) -> list[Table]:
@@ -29,8 +30,11 @@ def stage_tables(name: str, stages: Sequence[StaticStage]) -> list[Table]:
     readings = f"{name}, readings: means after settling, ± one standard deviation of a single sample where the recording tells it."
     found = [Table("static-readings", readings, (*STAGE, *READINGS), rows)]
     if any(np.isfinite(stage.hinge_deg).any() for stage in stages):
-        hinges = f"{name}, hinge angles of each link against the one before it, ± one standard deviation where their photo tells it."
-        columns = (*STAGE, *_hinge_columns(len(stages[0].hinge_deg)), Column("photo_doubts", role="note"))
+        hinges = (
+            f"{name}, hinge angles of each link against the one before it, ± one standard deviation where their photo tells it. "
+            "Bend: between first and last link, the sum of the hinge angles without sign."
+        )
+        columns = (*STAGE, *_hinge_columns(len(stages[0].hinge_deg)), BEND, Column("photo_doubts", role="note"))
         found.append(Table("hinge-angles", hinges, columns, rows))
     return found
 
@@ -50,6 +54,7 @@ def _values(stage: StaticStage) -> dict[str, Value]:
         "direction": stage.direction,
         "shaft_angle_deg": float(np.degrees(stage.shaft_angle_rad)),
         "settled": stage.settled,
+        "bend_deg": stage.bend_deg,
         "photo_doubts": stage.photo_doubts,
     }
     for name in MEANS[1:]:

@@ -81,6 +81,7 @@ def summary(result: StaticResult) -> dict[str, Any]:
         "stages": len(result.data.stages),
         "angles": int(result.data.seen.sum()),
         "range_deg": [_rounded(low, 3), _rounded(high, 3)],
+        "most_bent": _most_bent(result),
         "k0_Nm_per_rad": _value(values.k0_Nm_per_rad, values.k0_std, values.reach),
         "k2_per_rad2": _value(values.k2_per_rad2, values.k2_std, values.reach),
         "correlation": _rounded(values.correlation, 4),
@@ -97,6 +98,19 @@ def summary(result: StaticResult) -> dict[str, Any]:
         },
         "remarks": remarks(result),
     }  # fmt: skip
+
+
+def _most_bent(result: StaticResult) -> dict[str, Any] | None:
+    """The stage with the largest angle between first and last link."""
+    stage = result.most_bent
+    if stage is None:
+        return None
+    return {
+        "bend_deg": _rounded(stage.bend_deg, 3),
+        "height_mm": _rounded(1e3 * stage.height_m, 3),
+        "stage": stage.stage,
+        "shaft_angle_deg": _rounded(np.degrees(stage.shaft_angle_rad), 3),
+    }
 
 
 def _rests(result: StaticResult) -> dict[str, Any] | None:

@@ -95,8 +95,18 @@ def _standfirst(result: StaticResult) -> str:
     law = "the law k₀ (φ + k₂ φ³) holds" if result.form.holds else "the law k₀ (φ + k₂ φ³) does not hold"
     return unbroken(
         f"From {low:.1f} to {high:.1f} degrees {law}; above half the largest torque the curve is known to {share:.2g} % (95 %), "
-        f"from {counted(len(result.data.stages), 'stage')} with {counted(int(result.data.seen.sum()), 'hinge angle')}."
+        f"from {counted(len(result.data.stages), 'stage')} with {counted(int(result.data.seen.sum()), 'hinge angle')}. "
+        f"{bend_sentence(result)}"
     )
+
+
+def bend_sentence(result: StaticResult) -> str:
+    """How far the leg was bent, in the measure of the paper's bending test."""
+    stage = result.most_bent
+    if stage is None:
+        return "No stage has all hinge angles, so the bend from first to last link is not known."
+    where = f"{1e3 * stage.height_m:g} mm, stage {stage.stage}"
+    return f"The leg was bent most at {where}: by {stage.bend_deg:.1f} degrees from first to last link."
 
 
 def _rest_sentence(result: StaticResult) -> str:

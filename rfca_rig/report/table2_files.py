@@ -35,8 +35,8 @@ COLUMNS = (
 def as_json(table: Table2) -> str:
     """The document; what is not known is null."""
     average = {
-        "time_error_pct": _rounded(table.average_time_error_pct, 4),
-        "force_error_pct": _rounded(table.average_force_error_pct, 4),
+        "time_error_pct": rounded_or_none(table.average_time_error_pct, 4),
+        "force_error_pct": rounded_or_none(table.average_force_error_pct, 4),
     }
     document = {"format": FORMAT, "rows": [record(row) for row in table.rows], "average": average}
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
@@ -63,17 +63,17 @@ def as_table(table: Table2, shaft_words: str) -> Table:
 def record(row: Compared) -> dict[str, Any]:
     """The row by its keys: first those of rfca-table2/1, then what this program adds."""
     return {
-        "height_mm": _rounded(1e3 * row.height_m, 3),
-        "speed_rad_s": _rounded(row.speed_rad_s, 5),
+        "height_mm": rounded_or_none(1e3 * row.height_m, 3),
+        "speed_rad_s": rounded_or_none(row.speed_rad_s, 5),
         "repeats": row.repeats,
         **_measured(row.time, row.fz),
-        "simulated_time_s": _rounded(row.simulated_time_s, 6),
-        "simulated_fz_N": _rounded(row.simulated_fz_N, 4),
-        "time_error_pct": _rounded(row.time_error_pct, 4),
-        "force_error_pct": _rounded(row.force_error_pct, 4),
-        "signed_time_error_pct": _rounded(row.signed_time_error_pct, 4),
-        "signed_force_error_pct": _rounded(row.signed_force_error_pct, 4),
-        "shaft_speed_rad_s": _rounded(row.shaft_speed_rad_s, 5),
+        "simulated_time_s": rounded_or_none(row.simulated_time_s, 6),
+        "simulated_fz_N": rounded_or_none(row.simulated_fz_N, 4),
+        "time_error_pct": rounded_or_none(row.time_error_pct, 4),
+        "force_error_pct": rounded_or_none(row.force_error_pct, 4),
+        "signed_time_error_pct": rounded_or_none(row.signed_time_error_pct, 4),
+        "signed_force_error_pct": rounded_or_none(row.signed_force_error_pct, 4),
+        "shaft_speed_rad_s": rounded_or_none(row.shaft_speed_rad_s, 5),
         "source": row.source,
         "refused": list(row.refused),
     }
@@ -81,12 +81,13 @@ def record(row: Compared) -> dict[str, Any]:
 
 def _measured(time: Spread, fz: Spread) -> dict[str, float | None]:
     return {
-        "measured_time_s": _rounded(time.mean, 6),
-        "measured_time_std_s": _rounded(time.std, 6),
-        "measured_fz_N": _rounded(fz.mean, 4),
-        "measured_fz_std_N": _rounded(fz.std, 4),
+        "measured_time_s": rounded_or_none(time.mean, 6),
+        "measured_time_std_s": rounded_or_none(time.std, 6),
+        "measured_fz_N": rounded_or_none(fz.mean, 4),
+        "measured_fz_std_N": rounded_or_none(fz.std, 4),
     }
 
 
-def _rounded(value: float | None, digits: int) -> float | None:
+def rounded_or_none(value: float | None, digits: int) -> float | None:
+    """For JSON: no minus where all digits are zero, and null for what is not known."""
     return None if value is None else round(value, digits) + 0.0

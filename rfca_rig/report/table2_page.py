@@ -10,13 +10,16 @@ from rfca_rig.report.model_table import model_table
 from rfca_rig.report.origin import Told
 from rfca_rig.report.sources import ComparedSource
 from rfca_rig.report.stage_table import stage_tables
+from rfca_rig.report.table import Table
 from rfca_rig.report.table2_files import as_table
 from rfca_rig.report.templates import template
 from rfca_rig.report.wording import (
     DEFINITION,
+    REGIONS_DEFINITION,
     SHAFT_WORDS,
     counted,
     number,
+    regions_sentence,
     repeats_sentence,
     rms_sentence,
     scales_sentence,
@@ -25,21 +28,23 @@ from rfca_rig.report.wording import (
 )
 
 
-def page(sources: Sequence[ComparedSource], table: Table2, shaft: Shaft, told: Told) -> str:
-    """The page as HTML."""
+def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: Shaft, told: Told) -> str:
+    """The page as HTML; `peaks` is the table of forces at the peak."""
     return template("table2.html").render(
         sheets=(),
         origin=told.origin,
-        files=("table2.csv", "table2.tex", "table2.json"),
+        files=tuple(f"{stem}.{kind}" for stem in ("table2", peaks.name) for kind in ("csv", "tex", "json")),
         links=told.links,
         title=" · ".join(dict.fromkeys(source.recording.title for source in sources)) or "Nothing recorded",
         standfirst=_standfirst(table),
         sources=[_source(source) for source in sources],
         table=as_table(table, SHAFT_WORDS[shaft]),
+        peaks=peaks,
         figures=_figures(sources, shaft),
         static_tables=[table for source in sources for table in stage_tables(source.name, source.recording.static)],
         models=_models(sources, told.model_file),
         definition=DEFINITION,
+        regions_definition=REGIONS_DEFINITION,
     )
 
 
@@ -77,7 +82,8 @@ def _figures(sources: Sequence[ComparedSource], shaft: Shaft) -> list[dict[str, 
                 "source": source.name if several else "",
                 "svg": drawn.svg,
                 "caption": unbroken(
-                    f"{repeats_sentence(compared)} {shaft_sentence(compared, shaft)} {rms_sentence(compared)} {scales_sentence(drawn)}"
+                    f"{repeats_sentence(compared)} {shaft_sentence(compared, shaft)} {regions_sentence(compared, drawn)} "
+                    f"{rms_sentence(compared)} {scales_sentence(drawn)}"
                 ),
             }
         )

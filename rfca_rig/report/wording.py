@@ -30,6 +30,12 @@ DEFINITION = (
     "valley, release to lift-off, and rebound."
 )
 
+REGIONS_DEFINITION = (
+    "The ruler above each picture divides the stroke into three regions. I is the free swing, from the start of the motion to the first "
+    "contact. II is the loading, from there to the valley. III is the release, from the valley to lift-off. The paper compares lead and "
+    "lag of its simulation in regions I to III. Its text does not define their borders; these are the borders of the phases above."
+)
+
 
 def number(value: float | None, digits: int) -> str:
     """With a true minus sign, and without the sign where all digits shown are zero."""
@@ -71,6 +77,16 @@ def shaft_sentence(compared: ComparedCondition, shaft: Shaft) -> str:
     if shaft == "recorded":
         return f"Simulated along the recorded motion ({taken_from}; {mean} on average)."
     return f"Simulated at {mean} ({'commanded' if taken_from == 'command' else 'average, from the recorded ' + taken_from})."
+
+
+def regions_sentence(compared: ComparedCondition, overlay: Overlay) -> str:
+    """The regions that are drawn, each with its end, and which strokes the borders are from."""
+    if len(overlay.regions) < 2:
+        return "No regions II and III: neither a repeat nor the model touches the ground."
+    first, *others = overlay.regions
+    later = ", ".join(f"{region.name} to {region.end_s:.3f} s" for region in others)
+    whose = "mean over the repeats" if compared.contact_is_measured else "by the simulated stroke, for no repeat shows its contact"
+    return f"Regions: {first.name} to {first.end_s:.3f} s, {later} ({whose})."
 
 
 def rms_sentence(compared: ComparedCondition) -> str:

@@ -1,4 +1,4 @@
-"""Writes the report of some recordings: report.html with Table II, and a page about each run, run.html."""
+"""Writes the report of some recordings: report.html with Table II and the forces at the peak, and a page about each run, run.html."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +10,7 @@ from rfca_rig.progress import Watcher, unwatched
 from rfca_rig.recording.form import Recording
 from rfca_rig.report.files import table_files, write_all
 from rfca_rig.report.origin import Link, Origin, Told, untold
+from rfca_rig.report.peak_force_files import peaks_as_json, peaks_as_table
 from rfca_rig.report.run_page import page as run_page
 from rfca_rig.report.run_page import tables_of
 from rfca_rig.report.run_parts import story_of
@@ -51,11 +52,15 @@ def write_report(
     runs = {name: _run(name, source, told, place) for place, (name, source) in enumerate(named)}
     links = tuple(Link(name, f"How {source.name} went" if len(named) > 1 else "How the run went") for name, source in named)
     shown = as_table(table, SHAFT_WORDS[shaft])
+    peaks = tuple(row for source in sources for row in source.peaks)
+    shown_peaks = peaks_as_table(peaks, SHAFT_WORDS[shaft])
     contents = {
-        "report.html": page(sources, table, shaft, Told(told, links, None if given is None else given.file)),
+        "report.html": page(sources, table, shown_peaks, shaft, Told(told, links, None if given is None else given.file)),
         "table2.csv": as_csv(shown),
         "table2.tex": as_tex(shown),
         "table2.json": as_json(table),
+        **table_files((shown_peaks,)),
+        "peak-forces.json": peaks_as_json(peaks),
     }
     write_all(out_dir, {**contents, **{name: text for files in runs.values() for name, text in files.items()}})
     return Report(table, tuple(out_dir / name for name in ("report.html", *runs)))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.phases import PHASES, StrokePhases, simulated_phases
+from rfca_rig.analysis.phases import PHASES, StrokePhases, StrokeRegion, simulated_phases
 from rfca_rig.analysis.valley import valley_and_phases
 from rfca_rig.model.stroke import stroke_at_speed
 from tests.analysis import traces
@@ -23,6 +23,24 @@ def test_without_contact_everything_after_the_start_is_free():
 def test_without_a_valley_loading_lasts_to_lift_off():
     phases = StrokePhases(touchdown_s=0.3, lift_off_s=1.0)
     assert [PHASES[i] for i in phases.number(np.array([0.5, 1.1]))] == ["loading", "rebound"]
+
+
+def test_the_regions_are_free_swing_loading_and_release():
+    regions = StrokePhases(touchdown_s=0.3, valley_s=1.0, lift_off_s=1.05).regions(end_s=1.4)
+    assert regions == (StrokeRegion("I", 0.0, 0.3), StrokeRegion("II", 0.3, 1.0), StrokeRegion("III", 1.0, 1.05))
+
+
+@pytest.mark.parametrize(
+    ("phases", "ends_s"),
+    [
+        (StrokePhases(0.3, 1.0), {"I": 0.3, "II": 1.0, "III": 1.4}),
+        (StrokePhases(0.3, 1.5, 1.6), {"I": 0.3, "II": 1.4}),
+        (StrokePhases(0.3, lift_off_s=1.05), {"I": 0.3, "II": 1.05}),
+        (StrokePhases(), {"I": 1.4}),
+    ],
+)
+def test_a_region_ends_with_the_recording_and_one_that_was_not_reached_is_left_out(phases, ends_s):
+    assert {region.name: region.end_s for region in phases.regions(end_s=1.4)} == ends_s
 
 
 @pytest.mark.parametrize(("height_m", "speed_rad_s"), [(0.215, 2.433), (0.215, 3.249), (0.235, 2.478), (0.235, 4.5)])

@@ -99,3 +99,20 @@ def test_a_stroke_without_force_is_compared_as_refused():
     done = compare_condition(PAPER, Condition(0.215, 2.433, (silent,)), "commanded")
     assert row_of(done, "x").refused == ("repeat 1: fz was not recorded",)
     assert done.rms_N() == {}
+
+
+def test_the_borders_of_the_phases_are_the_mean_over_the_repeats_that_reached_them():
+    each = (StrokePhases(0.3, 1.0, 1.05), StrokePhases(0.4, 1.2), StrokePhases())
+    repeats = tuple(ComparedRepeat(i, NOTHING, NOTHING, NOTHING, Refused("x"), phases) for i, phases in enumerate(each, start=1))
+    done = ComparedCondition(Condition(0.215, 2.433, ()), repeats, ())
+    assert done.contact_is_measured
+    assert done.mean_phases() == StrokePhases(pytest.approx(0.35), pytest.approx(1.1), pytest.approx(1.05))
+
+
+def test_where_no_repeat_shows_its_contact_the_model_gives_the_borders():
+    silent = traces.stroke(T, None, shaft_angle_rad=np.zeros(len(T)) + 0.25)
+    done = compare_condition(PAPER, Condition(0.215, 2.433, (silent,)), "commanded")
+    measured = compare_condition(PAPER, Condition(0.215, 2.433, (measured_stroke(2.433),)), "commanded").mean_phases()
+    assert not done.contact_is_measured
+    for name in ("touchdown_s", "valley_s", "lift_off_s"):
+        assert getattr(done.mean_phases(), name) == pytest.approx(getattr(measured, name), abs=0.01)

@@ -25,6 +25,7 @@ def plan_of(name):
     [
         *(("table2", Done(strokes=strokes)) for strokes in (0, 7, 10, 19)),
         *(("static-angle", Done(holds=holds)) for holds in (0, 5, 7, 8, 15)),
+        *(("bending", Done(holds=holds)) for holds in (0, 5, 7)),
         ("impact", Done(strokes=3)),
         ("fatigue", Done(strokes=2, holds=6, cycle=10_777)),
     ],

@@ -10,7 +10,9 @@ from rfca_rig.bench.leg_plant import LegPlant, Scatter
 from rfca_rig.description.protocol_file import read_static
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import PresentEffect
+from rfca_rig.model.static_stages import StageMoves, static_stages
 from rfca_rig.model.stroke import stroke_following
+from rfca_rig.protocol.check import check_plan
 from rfca_rig.protocol.experiments import static_plan
 from rfca_rig.protocol.plan import Hold, MoveShaft
 from rfca_rig.twins.plant import ShaftDrive
@@ -60,6 +62,23 @@ def test_expected_loads_name_every_stroke():
     loads = expected_loads(plan, twin_rig().model())
     assert set(loads) == set(plan.flaps)
     assert all(50.0 < load.force_N < 75.0 for load in loads.values())
+
+
+def test_the_bending_protocol_bends_the_twin_beyond_130_degrees_within_its_limits():
+    rig = twin_rig()
+    protocol = read_static(ROOT / "protocols" / "bending.toml").static_stages()
+    plan = static_plan(protocol, rig.facts())
+    expected = expected_loads(plan, rig.model())
+    check_plan(plan, expected)
+    assert max(load.force_N for load in expected.values()) < 0.5 * plan.limits.force_N
+    (height_m,) = protocol.heights_m
+    angles_rad = [angle_rad for angle_rad, _ in protocol.angles_rad]
+    states = static_stages(rig.model(), height_m, angles_rad, StageMoves(protocol.move_speed_rad_s, 0.05))
+    bends_deg = [abs(float(np.degrees(state.q_rad[-1] - state.q_rad[0]))) for state in states]
+    assert bends_deg == sorted(bends_deg)
+    assert bends_deg[0] < 40.0
+    assert sum(bend_deg > 130.0 for bend_deg in bends_deg) == 3
+    assert all(state.normal_N.any() for state in states), "the leg stays on the ground"
 
 
 def test_a_leg_pushed_back_under_load_is_seen_to_wedge_beforehand():

@@ -22,8 +22,9 @@ from tests.cli.typed import typed
 
 ROOT = Path(__file__).parents[2]
 SMALL = ROOT / "tests" / "data" / "small-campaign"
-REPORT = {"report.html", "run.html", *(f"{name}.{kind}" for name in ("table2", "run-stages", "run-conditions") for kind in ("csv", "tex"))}
-REPORT |= {"table2.json"}
+REPORT_TABLES = ("table2", "peak-forces", "run-stages", "run-conditions")
+REPORT = {"report.html", "run.html", *(f"{name}.{kind}" for name in REPORT_TABLES for kind in ("csv", "tex"))}
+REPORT |= {"table2.json", "peak-forces.json"}
 FILES = ["SHA256SUMS", "end.json", "events.jsonl", "run.h5", "run.json", "stages"]
 HEAVY = ("numpy", "scipy", "numba", "h5py", "matplotlib", "cv2", "can", "pydantic", "jinja2")
 
@@ -162,7 +163,7 @@ def test_twin_and_import_in_one_report(here, monkeypatch, capsys):
         (("dynamic", "run", "--height", "215", "--speed", "25"), "above the rig's limit of 20 rad/s"),
         (("dynamic", "run", "--height", "100", "--speed", "15"), "the model expects"),
         (("dynamic", "run", "--repeats", "0"), "--repeats"),
-        (("dynamic", "run", "--protocol", "nonsense"), "there are fatigue, flapping, impact, static-angle, table2"),
+        (("dynamic", "run", "--protocol", "nonsense"), "there are bending, fatigue, flapping, impact, static-angle, table2"),
         (("dynamic", "run", "--protocol", "static-angle"), "experiment"),
         (("dynamic", "run", "--rig", "nowhere.toml"), "nowhere.toml"),
         (("static", "run", "--protocol", "flapping"), "experiment"),

@@ -54,6 +54,7 @@ OUTPUTS = (
     ("plan", "table2", "--all"),
     ("plan", "impact", "--all"),
     ("plan", "static-angle"),
+    ("plan", "bending"),
     ("plan", "fatigue"),
     ("runs",),
     ("trip", "F-02"),

@@ -75,6 +75,21 @@ def test_stages_have_hinge_angles_photos_and_overlays_and_everybody_can_read_the
 
 
 @pytest.mark.slow
+def test_the_bending_protocol_runs_and_its_report_finds_the_bend_and_the_hinges(here, monkeypatch, capsys):
+    answer = json.loads(typed(monkeypatch, capsys, "static", "run", "--protocol", "bending", "--json").out)
+    assert all(stage["settled"] and not stage["photo_doubts"] for stage in answer["stages"])
+    said = typed(monkeypatch, capsys, "static", "report", answer["run"], "--out", "bending")
+    assert said.exit_code == 0
+    assert "The leg was bent most at 185 mm, stage 8: by 138." in said.err
+    found = json.loads((here / "bending" / "static.json").read_text())
+    assert found["most_bent"]["bend_deg"] == pytest.approx(138.8, abs=0.3)  # the model's own at 155 degrees
+    assert found["range_deg"][1] > 27.0
+    for name, true in (("k0_Nm_per_rad", 10.98), ("k2_per_rad2", 4.56)):
+        low, high = found[name]["interval_95"]
+        assert low < true < high
+
+
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_another_one_other_photos(here, monkeypatch, capsys):
     for seed in (3, 3, 4):
         assert static_run(here, monkeypatch, capsys, (60.0, "loading"), words=("--seed", seed)).exit_code == 0

@@ -7,6 +7,7 @@ import pytest
 
 from rfca_rig.description.believed import believed_model
 from rfca_rig.errors import RigError
+from rfca_rig.model.stroke import stroke_at_speed
 from rfca_rig.report.origin import Origin, Recorded
 from rfca_rig.report.sources import GivenModel
 from rfca_rig.report.writing import write_report
@@ -29,7 +30,8 @@ KEYS = [
 ]
 RUN_TABLES = ("conditions", "hinge-angles", "stages", "static-readings")
 TABLES = [f"run-{name}.{kind}" for name in RUN_TABLES for kind in ("csv", "tex")]
-FILES = ["report.html", *TABLES, "run.html", "table2.csv", "table2.json", "table2.tex"]
+PEAKS = [f"peak-forces.{kind}" for kind in ("csv", "json", "tex")]
+FILES = [*PEAKS, "report.html", *TABLES, "run.html", "table2.csv", "table2.json", "table2.tex"]
 
 
 def written(folder, *recordings, **options):
@@ -82,6 +84,44 @@ def test_latex_has_every_row_and_balanced_columns(mixed):
     assert all(re.search(r"\$-\d\d\.\d\d \\pm 0\.\d\d\$", row) for row in rows)
 
 
+def impact(repeat, factor, **options):
+    """A stroke of the paper's impact test by the model, its forces times `factor`."""
+    t_s = traces.even(2000.0, end_s=0.25)  # as the simulation; a sample beside the peak has another fy
+    simulated = stroke_at_speed(believed_model(BELIEVED), 0.155, 15.0, t_s)
+    condition = {"height_m": 0.155, "speed_rad_s": 15.0, "repeat": repeat, **options}
+    return traces.stroke(t_s, factor * simulated.fz_N, **condition, fy_N=factor * simulated.fy_N, shaft_angle_rad=simulated.shaft_angle_rad)
+
+
+def test_the_forces_at_the_peak_stand_measured_beside_simulated_in_every_file(tmp_path):
+    folder = written(tmp_path, recording((impact(1, 0.9), impact(2, 1.1))), shaft="commanded")
+    document = json.loads((folder / "peak-forces.json").read_text(), parse_constant=pytest.fail)
+    (row,) = document["rows"]
+    assert (document["format"], row["height_mm"], row["speed_rad_s"], row["repeats"]) == ("rfca-peak-forces/1", 155.0, 15.0, 2)
+    for name in ("force", "fy", "fz"):
+        simulated = row[f"simulated_{name}_N"]
+        assert row[f"measured_{name}_N"] == pytest.approx(simulated, rel=1e-3)
+        assert row[f"measured_{name}_std_N"] == pytest.approx(0.2 / np.sqrt(2.0) * abs(row[f"measured_{name}_N"]), rel=1e-3)
+    assert row["simulated_force_N"] == pytest.approx(np.hypot(row["simulated_fy_N"], row["simulated_fz_N"]), abs=1e-3)
+    with (folder / "peak-forces.csv").open(newline="") as file:
+        (line,) = csv.DictReader(file)
+    numbers = [key for key, value in row.items() if isinstance(value, float)]
+    assert len(numbers) > 12 and all(float(line[key]) == row[key] for key in numbers)
+    text = Outline((folder / "report.html").read_text()).text
+    assert "Forces at the peak" in text and f"{row['measured_force_N']:.1f}\u00a0±\u00a0{row['measured_force_std_N']:.1f}" in text
+    assert "off the ground at its peak" in text
+    tex = (folder / "peak-forces.tex").read_text()
+    assert r"$|F|$" in tex and rf"${row['measured_fz_N']:.1f} \pm {row['measured_fz_std_N']:.1f}$" in tex
+
+
+def test_the_papers_own_peak_stands_below_its_condition_alone(tmp_path):
+    at_papers, faster = (
+        (written(tmp_path / f"{speed_rad_s}", recording((impact(1, 1.0, speed_rad_s=speed_rad_s),))) / "peak-forces.tex").read_text()
+        for speed_rad_s in (15.0, 15.1)
+    )
+    assert all(f"${value}$" in at_papers for value in (299, 188, 232))
+    assert "188" not in faster and "own peak" not in faster
+
+
 def test_the_page_is_whole_and_fetches_nothing(mixed):
     page = (mixed / "report.html").read_text()
     outline = Outline(page)
@@ -109,6 +149,28 @@ def test_the_page_says_what_it_shows(mixed):
     for said in ("fz (N)", "residual (N)", "time from the start of the motion (s)", "Static stages", "\u22125.25", "over the repeats"):
         assert said in text
     assert not re.search(r"\bnan\b|None|\binf\b", text)
+
+
+def test_every_picture_marks_the_regions_and_its_caption_gives_their_borders(mixed):
+    page = (mixed / "report.html").read_text()
+    svgs = re.findall(r"<svg[^>]*role=.img.*?</svg>", page, flags=re.DOTALL)
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", page, flags=re.DOTALL)
+    assert len(svgs) == len(captions) == 2
+    for svg, caption, row in zip(svgs, captions, table(mixed)["rows"], strict=True):
+        for name in ("I", "II", "III"):
+            assert len(re.findall(rf">\s*{name}\s*</text>", svg)) == 1, name
+        said = re.search(r"Regions: I to ([\d.]+)\Ws, II to ([\d.]+)\Ws, III to ([\d.]+)\Ws \(mean over the repeats\)", caption)
+        first, second, third = map(float, said.groups())
+        assert 0.1 < first < second < third < second + 0.1
+        assert second == pytest.approx(row["measured_time_s"], abs=6e-4), "region II ends at the valley of Table II"
+    assert "I is the free swing" in Outline(page).text
+
+
+def test_a_leg_in_the_air_has_no_regions_ii_and_iii(tmp_path):
+    t_s = traces.even(1000.0)
+    folder = written(tmp_path, recording((traces.stroke(t_s, np.full(len(t_s), 3.1), height_m=0.5),)))
+    text = Outline((folder / "report.html").read_text()).text
+    assert "No regions II and III" in text and "Regions: " not in text
 
 
 def test_a_title_is_text_and_never_markup(mixed):

@@ -78,6 +78,29 @@ def test_tables_for_other_programs(tmp_path, quiet):
     assert read_model_file(tmp_path / "model.toml").leg.k0_Nm_per_rad == pytest.approx(result.values.k0_Nm_per_rad, rel=1e-6)
 
 
+def test_the_largest_bend_is_told_with_its_stage(tmp_path, quiet):
+    _, page = written(tmp_path, quiet)
+    most = max(quiet, key=lambda stage: abs(sum(stage.hinge_deg)))
+    told = json.loads((tmp_path / "static.json").read_text())["most_bent"]
+    assert (told["stage"], told["height_mm"]) == (most.stage, 1e3 * most.height_m) == (6, 215.0)
+    assert told["bend_deg"] == pytest.approx(abs(sum(most.hinge_deg)), abs=1e-3)
+    assert f"The leg was bent most at 215 mm, stage 6: by {told['bend_deg']:.1f} degrees" in Outline(page, NEVER).text.replace(
+        "\u00a0", " "
+    )
+
+
+def test_a_stage_that_lacks_an_angle_has_no_bend(tmp_path, quiet):
+    def hidden(stage):
+        return replace(stage, hinge_deg=(np.nan, *stage.hinge_deg[1:]))
+
+    bent_most = max(range(len(quiet)), key=lambda row: quiet[row].bend_deg)
+    some, _ = written(tmp_path, [hidden(stage) if row == bent_most else stage for row, stage in enumerate(quiet)])
+    assert np.isnan(some.data.stages[bent_most].bend_deg) and some.most_bent.bend_deg < quiet[bent_most].bend_deg
+    none, page = written(tmp_path, [hidden(stage) for stage in quiet])
+    assert none.most_bent is None and json.loads((tmp_path / "static.json").read_text())["most_bent"] is None
+    assert "the bend from first to last link is not known" in page
+
+
 def test_a_law_that_fails_is_told_first_and_drawn_second(tmp_path):
     world = with_effect(believed_world(0.215), "hinge_backlash", {"half_gap_deg": 1.2})
     _, page = written(tmp_path, noisy(by_exam(world), np.random.default_rng(5)))

@@ -13,6 +13,7 @@ from rfca_rig.analysis.torque_rotation.stages import StageData
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.torque_spline import knots_from
+from rfca_rig.recording.form import StaticStage
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,12 @@ class StaticResult:
         except BadInput as error:
             return str(error)
         return ""
+
+    @property
+    def most_bent(self) -> StaticStage | None:
+        """The stage with the largest angle between first and last link, the measure of the paper's bending test; None if not known."""
+        known = [stage for stage in self.data.stages if np.isfinite(stage.bend_deg)]
+        return max(known, key=lambda stage: stage.bend_deg, default=None)
 
     @property
     def curve(self) -> TorqueCurve:

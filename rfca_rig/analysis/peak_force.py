@@ -1,0 +1,131 @@
+"""The peak of a stroke: the sample with the largest force on the sensor in the plane of motion, as the paper prints its impact test.
+
+The paper gives fy and fz "at the peak test point", so both belong to one instant; their own extremes may lie elsewhere in the stroke.
+The peak is a single sample, the touchdown spike included, because a parabola over 20 ms, as the valley has, would flatten a spike of 1 ms.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.compare import ComparedCondition
+from rfca_rig.analysis.counterpart import Counterpart
+from rfca_rig.analysis.phases import Refused
+from rfca_rig.analysis.repeats import Spread, spread_of
+from rfca_rig.recording.form import Stroke
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PeakForce:
+    """The largest |F| = sqrt(fy^2 + fz^2) of a stroke, its time from the commanded start, and fy and fz at that instant."""
+
+    time_s: float
+    force_N: float
+    fy_N: float
+    fz_N: float
+
+
+@dataclass(frozen=True)
+class PeakSpread:
+    """The peaks of several strokes: mean and standard deviation (n - 1) of each value."""
+
+    time_s: Spread
+    force_N: Spread
+    fy_N: Spread
+    fz_N: Spread
+
+
+@dataclass(frozen=True)
+class PeakForceRow:
+    """One condition. `simulated_touching` says whether the ground pushes the model's leg at its peak, None where it has no peak.
+
+    `refused` says which strokes gave no peak, and why; `repeats` counts those that did.
+    """
+
+    source: str
+    height_m: float
+    speed_rad_s: float
+    shaft_speed_rad_s: float
+    measured: PeakSpread
+    simulated: PeakSpread
+    simulated_touching: bool | None
+    refused: tuple[str, ...]
+
+    @property
+    def repeats(self) -> int:
+        return self.measured.force_N.count
+
+
+def find_peak(t_s: Floats, fy_N: Floats, fz_N: Floats) -> PeakForce | Refused:
+    """The sample with the largest force after the commanded start, or why there is none.
+
+    Parameters
+    ----------
+    t_s : (m,) ascending, in s from the commanded start
+    fy_N, fz_N : (m,) in N, in the sensor's axes
+
+    References
+    ----------
+    The paper's section IV.A, impact test.
+    """
+    moving = np.flatnonzero((t_s >= 0.0) & np.isfinite(fy_N) & np.isfinite(fz_N))
+    if not len(moving):
+        return Refused("no sample of fy and fz after the start")
+    at = int(moving[np.hypot(fy_N[moving], fz_N[moving]).argmax()])
+    return PeakForce(float(t_s[at]), float(np.hypot(fy_N[at], fz_N[at])), float(fy_N[at]), float(fz_N[at]))
+
+
+def stroke_peak(stroke: Stroke) -> PeakForce | Refused:
+    """The peak of a recorded stroke. Needs fy and fz with one time base."""
+    for stream in stroke.streams.values():
+        if "fy_N" in stream.columns and "fz_N" in stream.columns:
+            return find_peak(stream.t_s, stream.columns["fy_N"].values, stream.columns["fz_N"].values)
+    missing = [name for name in ("fy", "fz") if stroke.channel(f"{name}_N") is None]
+    return Refused(f"{' and '.join(missing)} not recorded" if missing else "fy and fz have different time bases")
+
+
+def peak_row_of(compared: ComparedCondition, source: str) -> PeakForceRow:
+    """The row of one condition; `source` names the recording it came from.
+
+    The simulation goes on for longer than the recording does. Its peak is sought up to the end of the longest recorded stroke.
+    """
+    strokes = compared.condition.strokes
+    end_s = max(float(stream.t_s[-1]) for stroke in strokes for stream in stroke.streams.values())
+    measured = [stroke_peak(stroke) for stroke in strokes]
+    simulated = [_simulated_peak(model, end_s) for model in compared.simulated]
+    found = [peak for peak in simulated if isinstance(peak, PeakForce)]
+    speeds = [model.shaft_speed_rad_s for model in compared.simulated]
+    return PeakForceRow(
+        source=source,
+        height_m=compared.condition.height_m,
+        speed_rad_s=compared.condition.speed_rad_s,
+        shaft_speed_rad_s=sum(speeds) / len(speeds),
+        measured=_spread_of_peaks([peak for peak in measured if isinstance(peak, PeakForce)]),
+        simulated=_spread_of_peaks(found),
+        simulated_touching=_touching(compared.simulated[0], found[0].time_s) if found else None,
+        refused=tuple(
+            f"repeat {stroke.repeat}: {peak.reason}" for stroke, peak in zip(strokes, measured, strict=True) if isinstance(peak, Refused)
+        ),
+    )
+
+
+def _simulated_peak(model: Counterpart, end_s: float) -> PeakForce | Refused:
+    stroke = model.stroke
+    shown = stroke.t_s <= end_s
+    return find_peak(stroke.t_s[shown], stroke.fy_N[shown], stroke.fz_N[shown])
+
+
+def _touching(model: Counterpart, time_s: float) -> bool:
+    return bool(model.stroke.normal_N[int(np.searchsorted(model.stroke.t_s, time_s))].any())
+
+
+def _spread_of_peaks(peaks: list[PeakForce]) -> PeakSpread:
+    return PeakSpread(
+        time_s=spread_of([peak.time_s for peak in peaks]),
+        force_N=spread_of([peak.force_N for peak in peaks]),
+        fy_N=spread_of([peak.fy_N for peak in peaks]),
+        fz_N=spread_of([peak.fz_N for peak in peaks]),
+    )
