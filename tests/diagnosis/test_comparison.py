@@ -249,6 +249,19 @@ def test_where_nothing_is_probable_the_misfit_stays_unexplained(gained):
     assert unexplained.suspects >= {"sensor_gain"}
 
 
+@pytest.mark.parametrize(("probability", "is_suspect", "is_likely"), [(0.05, False, False), (0.4, True, False), (0.7, True, True)])
+def test_an_effect_that_may_be_there_is_not_ruled_out_and_a_likely_one_is_mentioned(gained, probability, is_suspect, is_likely):
+    """Where the model without effects predicts as models usually do, and the recordings still prefer the effect."""
+    result = replace(gained.result, unknown=replace(gained.result.unknown, log_evidence=-1e6))
+    usual = {True: np.full(5, 0.3), False: np.full(5, 0.9)}
+    ranked = tuple(_with_rms(strained(one, 1.0), usual[one.ids == ("sensor_gain",)]) for one in gained.ranked)
+    best = ranked[gained.ranked.index(gained.best)]
+    decision = graded(_with(_with(Comparison(result, ranked), "_signatures", gained._signatures), "best", best), probability)
+    assert decision.grade == "nothing missing"
+    assert ("sensor_gain" in decision.suspects) == is_suspect
+    assert ("sensor_gain (70 %)" in describe(decision)) == is_likely
+
+
 def test_an_explanation_with_an_implausible_value_is_not_identified(gained):
     ranked = tuple(strained(one, IMPLAUSIBLE + 0.5) if one.ids else one for one in gained.ranked)
     one = Comparison(gained.result, ranked)

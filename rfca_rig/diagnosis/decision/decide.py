@@ -108,8 +108,11 @@ class Decision:
 
     @property
     def suspects(self) -> frozenset[str]:
-        """The effects that no detection limit may exclude: those stated or closest and, where a law is approximate, their families."""
-        stated = frozenset(self.explanation.ids).union(*(effect.cannot_tell_from for effect in self.effects))
+        """The effects that no detection limit may exclude: those stated or closest, where a law is approximate their families, and every
+        one whose absence is not sure.
+        """
+        possible = (one.id for one in self.supported if one.kind == "effect" and one.probability > 1.0 - SURE)
+        stated = frozenset(self.explanation.ids).union(possible, *(effect.cannot_tell_from for effect in self.effects))
         if self.grade in ("identified", "nothing missing"):
             return stated
         close = stated.union(() if self.closest is None else self.closest.ids)

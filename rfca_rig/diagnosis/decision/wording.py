@@ -1,6 +1,6 @@
 """The answer in sentences."""
 
-from rfca_rig.diagnosis.decision.decide import HELD_OUT, Decision
+from rfca_rig.diagnosis.decision.decide import HELD_OUT, Decision, Supported
 
 
 def describe(decision: Decision) -> str:
@@ -22,9 +22,16 @@ def describe(decision: Decision) -> str:
     if decision.grade == "not enough data":
         return f"Not enough data for a verdict: {decision.criteria[0].found}."
     if decision.grade == "nothing missing":
-        return "Nothing is missing that these recordings would show."
+        likely = " and ".join(f"{one.id} ({100.0 * one.probability:.0f} %)" for one in _list_likely(decision))
+        tail = f" Likely there, and no more than a model's usual error: {likely}." if likely else ""
+        return f"Nothing is missing that these recordings would show.{tail}"
     like = f" The closest entry is {' with '.join(decision.closest.ids)}, which is not stated." if decision.closest else ""
     return f"Something is missing that no entry of the catalogue explains.{like}"
+
+
+def _list_likely(decision: Decision) -> list[Supported]:
+    """The effects that are likelier than not. Where the model predicts as usual without them, that is not enough to state them."""
+    return [one for one in decision.supported if one.kind == "effect" and one.probability > 0.5]
 
 
 def describe_refusal(decision: Decision) -> tuple[str, ...]:
