@@ -19,7 +19,6 @@ from rfca_rig.report.stage_table import stage_tables
 from rfca_rig.report.table import Table
 from rfca_rig.report.table2_files import as_json, as_table
 from rfca_rig.report.table2_page import page
-from rfca_rig.report.table_files import as_csv, as_tex
 from rfca_rig.report.wording import SHAFT_WORDS
 
 
@@ -56,10 +55,8 @@ def write_report(
     shown_peaks = peaks_as_table(peaks, SHAFT_WORDS[shaft])
     contents = {
         "report.html": page(sources, table, shown_peaks, shaft, Told(told, links, None if given is None else given.file)),
-        "table2.csv": as_csv(shown),
-        "table2.tex": as_tex(shown),
+        **table_files((shown, shown_peaks)),
         "table2.json": as_json(table),
-        **table_files((shown_peaks,)),
         "peak-forces.json": peaks_as_json(peaks),
     }
     write_all(out_dir, {**contents, **{name: text for files in runs.values() for name, text in files.items()}})
