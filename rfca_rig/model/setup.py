@@ -46,8 +46,10 @@ class SoftDrive:
     The torque stays within `limit_Nm`; beside it the motor cogs, by `cogging_Nm`, so many `cogging_cycles` a turn.
 
     Before the motion it rests where k carries the weight of the leg, or, if it `holds_start`, where it is told, by a torque that stays.
+    `effect` is the id of the effect that asked for it.
     """
 
+    effect: str
     angle_gain_Nm_per_rad: float
     speed_gain_Nm_s_per_rad: float
     rotor_kg_m2: float
@@ -245,8 +247,5 @@ def with_begin(setup: Setup, swing: Callable[[Chain, State], None]) -> Setup:
 def with_drive(setup: Setup, drive: SoftDrive) -> Setup:
     """The setup with a soft drive. Raises BadInput for a second one: two in series need a coordinate that the chain lacks."""
     if setup.drive is not None:
-        raise BadInput(
-            "two effects soften the drive (motor_cogging, motor_speed_droop, motor_torque_limit, shaft_compliance, shaft_play); "
-            "the model takes one at a time, leave one out"
-        )
+        raise BadInput(f"{setup.drive.effect} and {drive.effect} both soften the drive; the model takes one at a time, leave one out")
     return replace(setup, drive=drive)

@@ -12,6 +12,7 @@ def apply(setup: Setup, values: Values) -> Setup:
     if values["torque_Nm"] == 0.0:
         return setup
     drive = SoftDrive(
+        "motor_cogging",
         values["ki_Nm_per_rad"],
         values["kp_Nm_s_per_rad"],
         ROTOR_KG_M2,

@@ -7,7 +7,7 @@ ROTOR_KG_M2 = 0.006  # motor and gear at the shaft; the sag itself hardly depend
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    drive = SoftDrive(values["ki_Nm_per_rad"], values["kp_Nm_s_per_rad"], ROTOR_KG_M2, setup.rig.drive.holds_start)
+    drive = SoftDrive("motor_speed_droop", values["ki_Nm_per_rad"], values["kp_Nm_s_per_rad"], ROTOR_KG_M2, setup.rig.drive.holds_start)
     return with_drive(setup, drive)
 
 

@@ -7,6 +7,7 @@ from rfca_rig.model.setup import Setup, SoftDrive, with_drive
 
 def apply(setup: Setup, values: Values) -> Setup:
     drive = SoftDrive(
+        "motor_torque_limit",
         values["ki_Nm_per_rad"],
         values["kp_Nm_s_per_rad"],
         ROTOR_KG_M2,

@@ -14,7 +14,7 @@ def apply(setup: Setup, values: Values) -> Setup:
     gap_rad = float(np.radians(values["half_gap_deg"]))
     if gap_rad == 0.0:
         return setup
-    return with_drive(setup, SoftDrive(STIFFNESS_NM_PER_RAD, 0.0, 0.0, gap_rad=gap_rad, loss_s_per_rad=LOSS_S_PER_RAD))
+    return with_drive(setup, SoftDrive("shaft_play", STIFFNESS_NM_PER_RAD, 0.0, 0.0, gap_rad=gap_rad, loss_s_per_rad=LOSS_S_PER_RAD))
 
 
 EFFECT = Effect(

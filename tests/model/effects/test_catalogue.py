@@ -101,3 +101,8 @@ def test_a_hinge_the_leg_does_not_have_is_refused_in_one_line(hinge):
 def test_a_link_the_leg_does_not_have_is_refused_in_one_line(link):
     with pytest.raises(BadInput, match=r"heavier_link: link .* 1 to 7"):
         paper_stroke(heavier_link={"link": link, "mass_factor": 2.0})
+
+
+def test_two_effects_that_soften_the_drive_are_refused_by_name():
+    with pytest.raises(BadInput, match="shaft_compliance and shaft_play both soften the drive"):
+        paper_stroke(shaft_compliance={"stiffness_Nm_per_rad": 80.0, "relaxation_ms": 0.0}, shaft_play={"half_gap_deg": 1.0})
