@@ -7,8 +7,11 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.extending import register_jitable
 
 Function = TypeVar("Function", bound=Callable[..., object])
+
+_jitable = cast(Any, register_jitable)
 
 
 def _folder() -> str:
@@ -26,3 +29,8 @@ def compiled(function: Function) -> Function:
         return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
     finally:
         settings.CACHE_DIR = before
+
+
+def internal(function: Function) -> Function:
+    """The same for compiled callers only: no way from the interpreter into it is compiled, so there it runs as it stands."""
+    return cast(Function, _jitable(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function))

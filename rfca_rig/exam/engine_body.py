@@ -6,7 +6,7 @@ The plane has y along the floor and d downwards; angles grow from y towards d. B
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.compiled import compiled
+from rfca_rig.exam.compiled import internal
 
 Floats = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ FY, FD, MOMENT = range(3)
 SY, SD = range(2)
 
 
-@compiled
+@internal
 def place_bodies(rod: Floats, phi: Floats, w: Floats, frame: bool, lean: float, pose: Floats) -> None:
     """Positions, velocities and centripetal accelerations of all joints.
 
@@ -43,7 +43,7 @@ def place_bodies(rod: Floats, phi: Floats, w: Floats, frame: bool, lean: float, 
         pose[AY, k + 1], pose[AD, k + 1] = pose[AY, k] - L * c * spin * spin, pose[AD, k] - L * s * spin * spin
 
 
-@compiled
+@internal
 def gather(
     rod: Floats, pose: Floats, load: Floats, gravity_y: float, gravity_d: float, lean: float, M: Floats, bias: Floats, lump: Floats
 ) -> None:
@@ -73,7 +73,7 @@ def gather(
     M[n, n], bias[n], bias[n + 1], bias[n + 2] = mass, fd * np.cos(lean) + fy * np.sin(lean), fd, fy
 
 
-@compiled
+@internal
 def solve_between(A: Floats, x: Floats, first: int, end: int) -> None:
     """Solves the symmetric A[first:end, first:end] x = x by Cholesky; reads and overwrites the lower triangle."""
     for j in range(first, end):

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.compiled import compiled
+from rfca_rig.exam.compiled import internal
 
 Floats = NDArray[np.float64]
 
@@ -15,7 +15,7 @@ TOLD, TOLD_SPEED, TURNED, TURNING = range(4)
 CABLE_SPEED_RAD_S = 0.02  # speed at which a dragging cable pulls fully
 
 
-@compiled
+@internal
 def asked_speed(knots: Floats, t: float) -> float:
     """Commanded speed: straight lines through `knots` (2, m) of times and speeds, at rest before and after."""
     m = knots.shape[1]
@@ -26,13 +26,13 @@ def asked_speed(knots: Floats, t: float) -> float:
     return float(knots[1, i - 1] + (knots[1, i] - knots[1, i - 1]) * (t - t0) / (t1 - t0))
 
 
-@compiled
+@internal
 def rippled(drive: Floats, angle: float, speed: float) -> float:
     """The speed that the command becomes at a shaft angle."""
     return float(speed * (1.0 + drive[RIPPLE] * np.cos(drive[CYCLES] * (angle - drive[START]) + drive[PHASE])))
 
 
-@compiled
+@internal
 def advance_command(drive: Floats, knots: Floats, motor: Floats, t: float, h: float) -> None:
     """One step of the commanded angle, by the midpoint rule."""
     begin = rippled(drive, motor[TOLD], asked_speed(knots, t))
@@ -41,7 +41,7 @@ def advance_command(drive: Floats, knots: Floats, motor: Floats, t: float, h: fl
     motor[TOLD_SPEED] = rippled(drive, motor[TOLD], asked_speed(knots, t + h))
 
 
-@compiled
+@internal
 def pushed(drive: Floats, motor: Floats, told_before: float, angle: float, speed: float, h: float) -> tuple[float, float]:
     """Torque of the PI loop in the middle of a step of `motor`, for a shaft at `angle` then and at `speed` before, and how much it falls
     with the speed: not at all where the motor gives what it can.
@@ -54,7 +54,7 @@ def pushed(drive: Floats, motor: Floats, told_before: float, angle: float, speed
     return asked + magnets, drive[KP]
 
 
-@compiled
+@internal
 def twist(drive: Floats, angle: float, speed: float) -> tuple[float, float]:
     """Torque of the shaft between motor and leg, `angle` and `speed` of the one against the other, and how much it rises with the speed.
 
@@ -68,7 +68,7 @@ def twist(drive: Floats, angle: float, speed: float) -> tuple[float, float]:
     return side * max(towards, 0.0) + drive[SHAFT_DAMPING] * speed, drive[SHAFT_DAMPING] + rising
 
 
-@compiled
+@internal
 def turn_rotor(drive: Floats, motor: Floats, told_before: float, back: float, h: float) -> float:
     """One step of a rotor under PI control against the torque `back` of the twisted shaft; returns the motor's torque."""
     angle = motor[TURNED] + 0.5 * h * motor[TURNING]
@@ -79,7 +79,7 @@ def turn_rotor(drive: Floats, motor: Floats, told_before: float, back: float, h:
     return float(push - 0.5 * falling * gained)
 
 
-@compiled
+@internal
 def cable(drive: Floats, angle: float, speed: float) -> float:
     """What a cable drags at the shaft, and how a hose turns it back."""
     return float(-drive[CABLE] * np.tanh(speed / CABLE_SPEED_RAD_S) - drive[HOSE] * (angle - drive[START]))

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.compiled import compiled
+from rfca_rig.exam.compiled import internal
 from rfca_rig.exam.engine_body import COS, FD, FY, MOMENT, SIN, SPIN, VD, VY, D, Y
 from rfca_rig.exam.engine_hinge import dahl
 
@@ -48,7 +48,7 @@ DRAGGED_FROM_N = 1.0  # a viscous share needs contact: an end that is hardly pre
 ELASTIC_SHARE = 0.7  # of the way to full friction that a straight line of the first slope would take
 
 
-@compiled
+@internal
 def normal_force(floor: Floats, depth: float, rate: float) -> float:
     """Hunt and Crossley, with or without the branch of separation, less what adhesion holds."""
     power = depth * np.sqrt(depth) if floor[EXPONENT] == 1.5 else depth ** floor[EXPONENT]
@@ -59,7 +59,7 @@ def normal_force(floor: Floats, depth: float, rate: float) -> float:
     return float(force)
 
 
-@compiled
+@internal
 def friction_limit(floor: Floats, slip: float, share: float) -> float:
     """Friction coefficient at a slip speed; `share` tells the direction that a stuck end resists."""
     mu = floor[MU]
@@ -69,7 +69,7 @@ def friction_limit(floor: Floats, slip: float, share: float) -> float:
     return float(mu * floor[BACKWARD] if share < 0.0 else mu)
 
 
-@compiled
+@internal
 def elevation(floor: Floats, y: float) -> tuple[float, float]:
     """Height of the floor above its level at the shaft, and its slope."""
     rise, slope = floor[SLOPE] * y, floor[SLOPE]
@@ -81,7 +81,7 @@ def elevation(floor: Floats, y: float) -> tuple[float, float]:
     return rise, slope
 
 
-@compiled
+@internal
 def less_lever(floor: Floats, depth: float) -> float:
     """How much higher than at its lowest point friction acts on a circle that is so deep."""
     if floor[LEVER_POWER] == 1.0:
@@ -89,7 +89,7 @@ def less_lever(floor: Floats, depth: float) -> float:
     return float(floor[LEVER] * TYPICAL_DEPTH_M * (depth / TYPICAL_DEPTH_M) ** floor[LEVER_POWER])
 
 
-@compiled
+@internal
 def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: float, keep: bool, load: Floats) -> None:
     """Adds the floor's forces at all ends to `load`; with `keep`, brings `used` (n,), the friction in use, up to date instead."""
     n = load.shape[1]
@@ -119,7 +119,7 @@ def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: flo
         load[MOMENT, k] -= lever * F
 
 
-@compiled
+@internal
 def shake(floor: Floats, t: float) -> None:
     """Notes how far a floor that shakes is up at a time, and how fast it rises."""
     if floor[SHAKE] != 0.0:
@@ -127,7 +127,7 @@ def shake(floor: Floats, t: float) -> None:
         floor[SHAKEN], floor[SHAKING] = floor[SHAKE] * np.sin(rate * t), rate * floor[SHAKE] * np.cos(rate * t)
 
 
-@compiled
+@internal
 def attract(floor: Floats, radius: float, pose: Floats, load: Floats) -> None:
     """A magnet under the floor that pulls the tip down."""
     if floor[MAGNET] != 0.0:
@@ -136,7 +136,7 @@ def attract(floor: Floats, radius: float, pose: Floats, load: Floats) -> None:
         load[FD, n - 1] += floor[MAGNET] / (1.0 + gap / floor[REACH]) ** 2
 
 
-@compiled
+@internal
 def drag(coefficient: float, power: float, length: Floats, pose: Floats, load: Floats) -> None:
     """Drag across each rod, at its middle, with this power of the speed there; `coefficient` is that at 1 m/s."""
     if coefficient == 0.0:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.compiled import compiled
+from rfca_rig.exam.compiled import internal
 
 Floats = NDArray[np.float64]
 
@@ -14,7 +14,7 @@ PIN, LOOP, LOOP_ANGLE, ARM, ARM_TIME, PIN_CREEP, DETENT, DETENTS, TENDON = range
 PIN_SHARE, LOOP_SHARE, ARM_ANGLE = range(3)
 
 
-@compiled
+@internal
 def dahl(share: float, moved: float, creep: float) -> float:
     """Share of dry friction in use after moving on: Dahl's law with exponent one half, exact for a move in one direction.
 
@@ -26,7 +26,7 @@ def dahl(share: float, moved: float, creep: float) -> float:
     return float(side * (1.0 - left * left))
 
 
-@compiled
+@internal
 def loop(share: float, moved: float, width: float) -> float:
     """Bouc and Wen with exponent one: z' = (1 - z sgn) phi' / width, one implicit step."""
     way = abs(moved) / width
@@ -34,14 +34,14 @@ def loop(share: float, moved: float, width: float) -> float:
     return (share + side * way) / (1.0 + way)
 
 
-@compiled
+@internal
 def arm(slack: float, phi_before: float, phi: float, seconds: float, tau: float) -> float:
     """Angle of the dashpot in series with a spring, x' = (phi - x) / tau, by the trapezoid rule."""
     half = 0.5 * seconds / tau
     return (slack * (1.0 - half) + half * (phi_before + phi)) / (1.0 + half)
 
 
-@compiled
+@internal
 def spring(phi: float, hinge: Floats, i: int) -> float:
     """Torque of the spring itself."""
     x = phi - hinge[i, PRESET]
@@ -51,7 +51,7 @@ def spring(phi: float, hinge: Floats, i: int) -> float:
     return float(harder * hinge[i, K0] * bent * (1.0 + hinge[i, K2] * bent * bent))
 
 
-@compiled
+@internal
 def hinge_torque(phi: float, moved: float, seconds: float, hinge: Floats, memory: Floats, i: int) -> float:
     """All that resists at hinge i, but for damping; `moved` and `seconds` since `memory` was brought up to date."""
     torque = spring(phi, hinge, i)
@@ -69,7 +69,7 @@ def hinge_torque(phi: float, moved: float, seconds: float, hinge: Floats, memory
     return float(torque)
 
 
-@compiled
+@internal
 def remember_hinge(phi: float, moved: float, seconds: float, hinge: Floats, memory: Floats, i: int) -> None:
     """Brings the memory of hinge i up to date after a step."""
     memory[i, PIN_SHARE] = dahl(memory[i, PIN_SHARE], moved, 0.5 * hinge[i, PIN_CREEP])

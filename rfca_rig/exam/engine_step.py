@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.compiled import compiled
+from rfca_rig.exam.compiled import compiled, internal
 from rfca_rig.exam.engine_body import LENGTH, SD, SY, gather, place_bodies, solve_between
 from rfca_rig.exam.engine_drive import (
     KP,
@@ -30,7 +30,7 @@ RADIUS, LINK_DRAG, DRAG_POWER, GRAVITY_Y, GRAVITY_D, FRAME_MASS, FRAME_STIFFNESS
 FORCE_Y, FORCE_D, LEG_TORQUE, MOTOR_TORQUE, ANGLE, SPEED, BENT = range(7)
 
 
-@compiled
+@internal
 def load_bodies(rod: Floats, mount: Floats, floor: Floats, pose: Floats, used: Floats, h: float, load: Floats) -> None:
     """All forces from outside in the middle of a step."""
     load[:] = 0.0
@@ -39,7 +39,7 @@ def load_bodies(rod: Floats, mount: Floats, floor: Floats, pose: Floats, used: F
     drag(mount[LINK_DRAG], mount[DRAG_POWER], rod[LENGTH], pose, load)
 
 
-@compiled
+@internal
 def resist(hinge: Floats, memory: Floats, phi: Floats, w: Floats, h: float, M: Floats, x: Floats) -> None:
     """Takes the hinges' torques off `x`, damping half implicitly."""
     bent = 0.0
@@ -52,7 +52,7 @@ def resist(hinge: Floats, memory: Floats, phi: Floats, w: Floats, h: float, M: F
         M[i, i] += 0.5 * h * (damping + quadratic)
 
 
-@compiled
+@internal
 def yield_frame(mount: Floats, hanging: float, phi: Floats, w: Floats, h: float, n: int, M: Floats, x: Floats) -> None:
     """The frame's own terms, if there is one; it rests at zero under the hanging leg."""
     if phi.size == n:
@@ -61,7 +61,7 @@ def yield_frame(mount: Floats, hanging: float, phi: Floats, w: Floats, h: float,
     x[n] -= hanging + mount[FRAME_STIFFNESS] * phi[n] + mount[FRAME_DAMPING] * w[n]
 
 
-@compiled
+@internal
 def drive_shaft(drive: Floats, motor: Floats, told: float, phi: Floats, w: Floats, h: float, M: Floats, x: Floats) -> float:
     """The torque on a shaft that is free to turn, into row 0. Returns it as felt half a step on, but for its implicit part."""
     if drive[SHAFT] != 0.0:
@@ -77,7 +77,7 @@ def drive_shaft(drive: Floats, motor: Floats, told: float, phi: Floats, w: Float
     return torque
 
 
-@compiled
+@internal
 def drift(phi: Floats, w: Floats, gained: Floats, h: float, rate: Floats) -> None:
     """Half a step at the old rates; `rate` is what they will be in the middle, by what they gained in the step before."""
     for i in range(phi.size):
@@ -85,7 +85,7 @@ def drift(phi: Floats, w: Floats, gained: Floats, h: float, rate: Floats) -> Non
         rate[i] = w[i] + 0.5 * gained[i]
 
 
-@compiled
+@internal
 def balance(M: Floats, bias: Floats, cable_torque: float, A: Floats, x: Floats) -> None:
     """A = M and x = what accelerates the bodies, hinges and drive still missing."""
     for i in range(x.size):
@@ -95,7 +95,7 @@ def balance(M: Floats, bias: Floats, cable_torque: float, A: Floats, x: Floats) 
     x[0] += cable_torque
 
 
-@compiled
+@internal
 def solve(drive: Floats, motor: Floats, told: float, held: bool, phi: Floats, w: Floats, h: float, A: Floats, x: Floats) -> float:
     """Accelerations into `x`. Returns what `drive_shaft` does where the shaft is free; where it is held, its acceleration is known."""
     if not held:
@@ -110,7 +110,7 @@ def solve(drive: Floats, motor: Floats, told: float, held: bool, phi: Floats, w:
     return 0.0
 
 
-@compiled
+@internal
 def kick(hinge: Floats, memory: Floats, x: Floats, h: float, phi: Floats, w: Floats, gained: Floats) -> None:
     """New rates, half a step at them, and the memory of the hinges."""
     for i in range(phi.size):
@@ -167,7 +167,7 @@ def run(
     return bool(np.isfinite(phi).all())
 
 
-@compiled
+@internal
 def feel(
     M: Floats, bias: Floats, lump: Floats, a: Floats, frame: bool, mount: Floats, cable_torque: float, phi: Floats, now: Floats
 ) -> None:
@@ -190,7 +190,7 @@ def feel(
     now[FORCE_Y], now[FORCE_D], now[LEG_TORQUE] = fy, fd, torque
 
 
-@compiled
+@internal
 def report_motor(
     drive: Floats, motor: Floats, told: float, torque: float, held: bool, phi: Floats, w: Floats, h: float, now: Floats
 ) -> None:
@@ -205,7 +205,7 @@ def report_motor(
     now[ANGLE], now[SPEED] = motor[TURNED], motor[TURNING]
 
 
-@compiled
+@internal
 def sample(now: Floats, step: int, row: int, window: Floats, out: Floats) -> int:
     """Adds this step to the rows whose window it lies in; returns the first row that is not complete."""
     for i in range(row, out.shape[0]):

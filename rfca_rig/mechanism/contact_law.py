@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import compiled, internal
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -106,7 +106,7 @@ class ContactArrays(NamedTuple):
     xfrc_applied: Floats
 
 
-@compiled
+@internal
 def velocity_at(arrays: ContactArrays, body: int, point: Floats, out: Floats) -> None:
     """Writes the velocity (3,) of a point that moves with a body."""
     twist, origin = arrays.cvel[body], arrays.subtree_com[arrays.root[body]]
@@ -116,7 +116,7 @@ def velocity_at(arrays: ContactArrays, body: int, point: Floats, out: Floats) ->
     out[2] = twist[5] + twist[0] * y - twist[1] * x
 
 
-@compiled
+@internal
 def add_force(arrays: ContactArrays, body: int, point: Floats, force: Floats) -> None:
     """Adds a force at a point to what acts on a body from outside."""
     wrench, centre = arrays.xfrc_applied[body], arrays.xipos[body]

@@ -24,7 +24,7 @@ from rfca_rig.mechanism.mujoco_calls import (
     VELOCITY,
     call_mujoco,
 )
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import internal
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class StageArrays(NamedTuple):
     qacc_warmstart: Floats
 
 
-@compiled
+@internal
 def _copy_sticking(stretch: Floats, normal: Floats, to_stretch: Floats, to_normal: Floats) -> None:
     for c in range(normal.size):
         to_normal[c] = normal[c]
@@ -52,7 +52,7 @@ def _copy_sticking(stretch: Floats, normal: Floats, to_stretch: Floats, to_norma
             to_stretch[c, i] = stretch[c, i]
 
 
-@compiled
+@internal
 def _take_stages(
     addresses: NDArray[np.int64],
     model: int,
@@ -104,7 +104,7 @@ def _take_stages(
     contacts.clock[0] = begun_s + h
 
 
-@compiled
+@internal
 def take_step(
     addresses: NDArray[np.int64],
     model: int,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly, make_lsq_spline
 
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import internal
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -73,7 +73,7 @@ class PrescribedArrays(NamedTuple):
     speed: Floats
 
 
-@compiled
+@internal
 def prescribe(arrays: PrescribedArrays, k: int, h: float, q: Floats, w: Floats, applied: Floats) -> None:
     """Sets the joints to the beginning of step k, and applies what carries them to its end."""
     for i in range(arrays.joints.size):

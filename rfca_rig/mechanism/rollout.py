@@ -21,7 +21,7 @@ from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.prescribed import PrescribedArrays, PrescribedMotion, prescribe
 from rfca_rig.mechanism.rest import hang
 from rfca_rig.mechanism.spring_play import PlayArrays, close_gaps
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import compiled, internal
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -54,7 +54,7 @@ class Motion:
     touch_s: Floats
 
 
-@compiled
+@internal
 def look_up(row: Floats, which: int, count: int, u: float) -> float:
     """The value at `u` of row `which` of a table (3, k) with its knots in row 0: straight between knots, constant beyond them."""
     if u <= row[0, 0]:
@@ -67,7 +67,7 @@ def look_up(row: Floats, which: int, count: int, u: float) -> float:
     return float(row[which, i] + (u - row[0, i]) / (row[0, i + 1] - row[0, i]) * (row[which, i + 1] - row[which, i]))
 
 
-@compiled
+@internal
 def act_tables(
     numbers: Floats, tables: Floats, q: Floats, w: Floats, before: Floats, h: float, applied: Floats, frictionloss: Floats
 ) -> None:

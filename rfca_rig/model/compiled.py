@@ -14,11 +14,17 @@ from threading import Lock
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.extending import register_jitable
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
 _settings = cast(Any, numba.config)
 _njit = cast(Any, numba.njit)
+_jitable = cast(Any, register_jitable)
+
+AS_ALL = {"nogil": True, "error_model": "numpy"}
+WITHOUT_COUNTING = {"_nrt": False}
+WITHOUT_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def cache_folder() -> str:
@@ -27,7 +33,7 @@ def cache_folder() -> str:
     here = Path(__file__).parent
     for source in sorted(path for room in (here, here.parent / "mechanism") for path in room.glob("*.py")):
         text = source.read_bytes()
-        if b"@compiled" in text or b"@inlined" in text or source.name == "state.py":
+        if b"model.compiled import" in text or source.name == "state.py":
             content.update(text)
     parent = os.environ.get("NUMBA_CACHE_DIR") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rfca-rig"
     return str(Path(parent) / f"compiled-{content.hexdigest()[:16]}")
@@ -49,12 +55,7 @@ def compiled(function: Function) -> Function:
 
     It must not make arrays. In return nothing counts who holds the arrays that it hands on, which would take as long as the work.
     """
-    return _compiled(function, {"_nrt": False})
-
-
-def inlined(function: Function) -> Function:
-    """The same, put into its callers: handing a tuple of many arrays to a small function takes longer than the function."""
-    return _compiled(function, {"_nrt": False, "forceinline": True})
+    return _compiled(function, WITHOUT_COUNTING)
 
 
 def compiled_allocating(function: Function) -> Function:
@@ -66,9 +67,22 @@ def compiled_allocating(function: Function) -> Function:
     return _compiled(function, {})
 
 
+def internal(function: Function) -> Function:
+    """`function` as machine code for compiled callers only; the interpreter runs it as it stands.
+
+    The way from the interpreter into a function with some dozens of arguments takes longer to compile than the function.
+    """
+    return cast(Function, _jitable(**AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS)(function))
+
+
+def inlined(function: Function) -> Function:
+    """The same, put into its callers: handing a tuple of many arrays to a small function takes longer than the function."""
+    return cast(Function, _jitable(**AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS, forceinline=True)(function))
+
+
 def _compiled(function: Function, options: dict[str, bool]) -> Function:
     with caching_in(CACHE_FOLDER):
-        return cast(Function, _njit(cache=True, nogil=True, error_model="numpy", **options)(function))
+        return cast(Function, _njit(cache=True, **AS_ALL, **options)(function))
 
 
 _CACHE_DIR_LOCK = Lock()

@@ -45,7 +45,10 @@ def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, toleranc
 def settle_memory(chain: Chain, laws: Laws | None, state: State, work: Work) -> None:
     """Lets the laws remember the rest pose, and ties the ends to the ground right below them."""
     assemble(chain, laws, state, LONG_S, state.q, state.w, state.a, None, work)
-    work.q[:] = state.q
+    for i in range(state.q.size):
+        work.q[i] = state.q[i]
     remember(chain, laws, state, LONG_S, work)
-    work.place[:] = 0.0
+    for k in range(work.place.shape[0]):
+        for j in range(work.place.shape[1]):
+            work.place[k, j] = 0.0
     drag_anchors(chain, state, state.q, work)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rfca_rig.model.call import call_law
-from rfca_rig.model.compiled import inlined
+from rfca_rig.model.compiled import compiled, inlined
 from rfca_rig.model.contact import add_contacts, add_contacts_with_effects, locate_ends
 from rfca_rig.model.laws import HINGE, LINK, ROTOR
 from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
@@ -294,3 +294,25 @@ def measure(
         N, F = work.contact[0, i], work.contact[1, i]
         force[0] += chain.first_moment[i] * (-sin * a[i] - cos * ww) - F * chain.floor_cos - N * chain.floor_sin
         force[1] -= chain.first_moment[i] * (cos * a[i] - sin * ww) + N * chain.floor_cos - F * chain.floor_sin
+
+
+@compiled
+def assemble_once(
+    chain: Chain,
+    laws: Laws | None,
+    state: State,
+    elapsed: float,
+    q: Floats,
+    w: Floats,
+    a: Floats,
+    weights: Weights | None,
+    work: Work,
+) -> None:
+    """`assemble` for callers in Python."""
+    assemble(chain, laws, state, elapsed, q, w, a, weights, work)
+
+
+@compiled
+def measure_once(chain: Chain, laws: Laws | None, state: State, elapsed: float, work: Work, force: Floats) -> None:
+    """`measure` for callers in Python, at `state`."""
+    measure(chain, laws, state, elapsed, state.q, state.w, state.a, work, force)

@@ -45,7 +45,7 @@ def start(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: float,
         work.base_q[i], work.base_w[i], work.a[i], work.jerk[i] = state.q[i], state.w[i], state.a[i], 0.0
     for k in range(state.anchor.size):
         work.limit[2, k] = np.inf  # each tie carries what its stretch says
-    if not solve_stage(chain, laws, shaft, state, 0.0, t + JUST_AFTER_S, 0.0, 1.0, False, work):
+    if not solve_stage(chain, laws, shaft, state, 0.0, t + JUST_AFTER_S, 0.0, 1.0, bool(0), work):
         return False
     for i in range(state.q.size):
         state.a[i] = work.a[i]
@@ -162,7 +162,8 @@ def integrate(
     nothing is accepted unconverged. Steps end on `shaft.landings`, where the acceleration jumps. After `most` steps, those rejected
     too, it gives up. Returns (status, last step length, accepted steps, rejected steps).
     """
-    sample = landing = accepted = rejected = 0
+    landing = accepted = rejected = 0
+    sample = int(0)  # noqa: RUF046  (to the compiler a literal is a type of its own: it would make a second copy of what takes it)
     jumped = True
     while t < t_end:
         if accepted + rejected >= most:

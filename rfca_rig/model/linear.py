@@ -1,6 +1,6 @@
 """A small dense linear system, solved without leaving compiled code: factored once, substituted as often as it serves."""
 
-from rfca_rig.model.compiled import compiled, inlined
+from rfca_rig.model.compiled import inlined, internal
 from rfca_rig.model.state import Floats, Integers
 
 
@@ -48,7 +48,7 @@ def substitute(J: Floats, pivot: Integers, first: int, x: Floats) -> None:
         x[k] = v * J[k, k]
 
 
-@compiled
+@internal
 def solve(J: Floats, pivot: Integers, x: Floats) -> bool:
     """Solves J x = x in place; False where J is singular or not finite."""
     if not factor(J, pivot, 0):

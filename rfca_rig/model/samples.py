@@ -1,6 +1,6 @@
 """What happens between the two ends of a step: angles and speeds by cubic Hermite, forces by the laws themselves. Symbols as in `state`."""
 
-from rfca_rig.model.compiled import compiled, inlined
+from rfca_rig.model.compiled import inlined, internal
 from rfca_rig.model.forces import measure
 from rfca_rig.model.state import Chain, Laws, Samples, State, Work
 
@@ -18,7 +18,7 @@ def interpolate(state: State, end: int, h: float, x: float, work: Work) -> None:
         work.a[i] = (m0 + x * (2.0 * c2 + x * 3.0 * c3)) / h
 
 
-@compiled
+@internal
 def fill_samples(chain: Chain, laws: Laws | None, state: State, t: float, t_new: float, first: int, work: Work, out: Samples) -> int:
     """Samples inside (t, t_new], from `state` to the last stage. Returns the next sample's index."""
     h, end = t_new - t, work.stage_q.shape[0] - 1

@@ -11,7 +11,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.chain import at_rest, chain_of, laws_of, set_swinging
 from rfca_rig.model.effect import Effect
-from rfca_rig.model.forces import measure
+from rfca_rig.model.forces import measure_once
 from rfca_rig.model.laws import TABLE, LawUse, compile_law
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import PresentEffect, RigModel
@@ -146,7 +146,7 @@ def check(use: LawUse) -> None:
 def holding_torque(chain: Chain, laws: Laws | None, state: State) -> float:
     """What the shaft must bear for the leg to stand as it does, in the direction of its angle."""
     work, force = room_to_work(state.q.size, state.anchor.size), np.empty(3)
-    measure(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
+    measure_once(chain, laws, state, 0.0, work, force)
     return float(force[2])
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rfca_rig.model.compiled import compiled, inlined
+from rfca_rig.model.compiled import inlined, internal
 from rfca_rig.model.forces import assemble
 from rfca_rig.model.linear import factor, substitute
 from rfca_rig.model.shaft import drive_rotor, place
@@ -52,7 +52,7 @@ def room_to_work(coordinates: int, links: int) -> Work:
     )
 
 
-@compiled
+@internal
 def solve_stage(
     chain: Chain, laws: Laws | None, shaft: Shaft, state: State, elapsed: float, t: float, g: float, enough: float, reuse: bool, work: Work
 ) -> bool:

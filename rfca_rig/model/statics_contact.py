@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.chain import Tolerance, advance, at_rest, chain_of, room_for
-from rfca_rig.model.forces import assemble
+from rfca_rig.model.forces import assemble_once
 from rfca_rig.model.held_contact import STEP_RAD, balance, turn_shaft
 from rfca_rig.model.integrator import FIRST_STEP_S
 from rfca_rig.model.motion import ShaftMotion
@@ -96,5 +96,5 @@ def _no_rest(chain: Chain, angle: float) -> SimulationFailed:
 
 def _observed(rig: RigModel, chain: Chain, state: State, jumped: bool) -> StaticState:
     work, nothing = room_to_work(state.q.size, state.q.size), np.zeros(state.q.size)
-    assemble(chain, None, state, 0.0, state.q, nothing, nothing, None, work)
+    assemble_once(chain, None, state, 0.0, state.q, nothing, nothing, None, work)
     return static_state(rig, state.q.copy(), float(work.R[0]), work.contact[0].copy(), work.contact[1].copy(), jumped)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.model.chain import Tolerance, advance, room_for
-from rfca_rig.model.forces import measure
+from rfca_rig.model.forces import measure_once
 from rfca_rig.model.integrator import FIRST_STEP_S
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
@@ -89,5 +89,5 @@ def stroke_of(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None) -> 
 
 def _fill_resting(chain: Chain, laws: Laws | None, state: State, samples: Samples, rows: int) -> None:
     work, force = room_to_work(state.q.size, state.anchor.size), np.empty(3)
-    measure(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
+    measure_once(chain, laws, state, 0.0, work, force)
     samples.q[:rows], samples.w[:rows], samples.force[:rows], samples.contact[:rows] = state.q, 0.0, force, work.contact

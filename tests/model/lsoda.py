@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from rfca_rig.model.chain import at_rest, chain_of
-from rfca_rig.model.forces import assemble
+from rfca_rig.model.forces import assemble_once
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stage import room_to_work
 from tests.model.legs import PAPER
@@ -32,7 +32,7 @@ def fz_by_lsoda(rig: RigModel, height_m: float, speed_rad_s: float, t_s: np.ndar
         w = np.concatenate([[speed_rad_s * min(share, 1.0)], x[n - 1 :]])
         a = np.zeros(n)
         a[0] = speed_rad_s / ramp_s if ramping else 0.0
-        assemble(chain, None, rest, 0.0, q, w, a, (1.0, 0.0, 0.0), work)
+        assemble_once(chain, None, rest, 0.0, q, w, a, (1.0, 0.0, 0.0), work)
         a[1:] = np.linalg.solve(work.J[1:, 1:], -work.R[1:])
         return q, w, a
 

@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 from rfca_rig.model.chain import Tolerance, advance, at_rest, chain_of, room_for
-from rfca_rig.model.forces import assemble
+from rfca_rig.model.forces import assemble_once
 from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Shaft, State
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
@@ -109,7 +109,7 @@ def residual(chain, q, w, a, anchor, weights, laws=None):
     work = room_to_work(q.size, 7)
     memory = np.zeros((0 if laws is None else laws.place.size, 7, 4))
     state = State(q, w, a, anchor, memory)
-    assemble(chain, laws, state, 1e-3, q, w, a, weights, work)
+    assemble_once(chain, laws, state, 1e-3, q, w, a, weights, work)
     assert (work.contact[0] > 0).sum() >= 2  # several ends in the ground, or the test proves little
     return work.R, work.J
 

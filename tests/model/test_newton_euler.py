@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.model.chain import chain_of
-from rfca_rig.model.forces import assemble
+from rfca_rig.model.forces import assemble_once
 from rfca_rig.model.newton_euler import (
     EndLoads,
     joint_accelerations,
@@ -34,7 +34,7 @@ def compiled(rig, q, w, a, anchor):
     """(R, M, loads of the ground) of the compiled chain; the shaft at ground level, so that many ends are in the ground."""
     chain, work = chain_of(rig, 0.0), room_to_work(q.size, q.size)
     state = State(q, w, a, anchor, np.zeros((0, q.size, 4)))
-    assemble(chain, None, state, 0.0, q, w, a, (1.0, 0.0, 0.0), work)
+    assemble_once(chain, None, state, 0.0, q, w, a, (1.0, 0.0, 0.0), work)
     normal, tangential = work.contact.copy()
     return work.R.copy(), work.J.copy(), EndLoads(np.array([tangential, -normal]), -chain.radius * tangential)
 

@@ -10,7 +10,7 @@ from scipy.optimize import approx_fprime
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance, advance, at_rest, chain_of, room_for
 from rfca_rig.model.energy import mechanical_energy_J, springs_J
-from rfca_rig.model.forces import assemble
+from rfca_rig.model.forces import assemble_once
 from rfca_rig.model.hinge_springs import bending_stiffness_Nm_per_rad, bending_torque_Nm, polynomial_springs, springs_of
 from rfca_rig.model.parameters import LawTable, PresentEffect, TorqueSpline
 from rfca_rig.model.relinking import with_links
@@ -100,7 +100,7 @@ def test_the_kernels_derivative_is_that_of_its_residual():
     q = np.cumsum([0.4, -0.7, 0.05, -0.1, 0.3, 0.6, -0.02])
 
     def residual(at):
-        assemble(chain, None, state, 0.0, at, zero, zero, (0.0, 0.0, 1.0), work)
+        assemble_once(chain, None, state, 0.0, at, zero, zero, (0.0, 0.0, 1.0), work)
         return work.R.copy()
 
     residual(q)

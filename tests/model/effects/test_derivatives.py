@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.model.forces import assemble
+from rfca_rig.model.forces import assemble_once
 from rfca_rig.model.setup import set_up
 from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import State
@@ -43,7 +43,7 @@ def assembled(effects, weights, shift=None):
     state, work = State(q, w, a, anchor, memory), room_to_work(q.size, 7)
     s = np.zeros(q.size) if shift is None else shift
     moved = (q + weights[2] * s, w + weights[1] * s, a + weights[0] * s)
-    assemble(chain, laws, state, 0.01, *moved, weights, work)
+    assemble_once(chain, laws, state, 0.01, *moved, weights, work)
     assert (work.contact[0] != 0).sum() >= 2
     return work.R.copy(), work.J.copy()
 
