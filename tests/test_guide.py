@@ -70,7 +70,7 @@ def test_its_short_commands_run_as_written(clone, monkeypatch, capsys):
     follow([block for block in BLOCKS if not block.is_long], monkeypatch, capsys)
 
 
-@pytest.mark.exam
+@pytest.mark.long
 @pytest.mark.timeout(1200)
 def test_all_of_it_runs_as_written(clone, monkeypatch, capsys):
     follow(BLOCKS, monkeypatch, capsys)

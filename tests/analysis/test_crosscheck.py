@@ -75,7 +75,7 @@ def test_the_difference_of_two_curves_is_that_of_their_norms():
     assert difference_pct(np.ones(3), np.zeros(3)) == np.inf
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @needs_mujoco
 @pytest.mark.parametrize("condition", PAPERS, ids=lambda one: f"{1e3 * one.height_m:g} mm, {one.speed_rad_s:g} rad/s")
 def test_under_the_papers_conditions_the_contact_force_is_mujocos(condition):
@@ -118,7 +118,7 @@ def test_what_difference_there_is_comes_from_the_tolerance():
     assert difference_pct(tight.normal_N.sum(axis=1), checked.theirs.normal_N) < 0.002
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @needs_mujoco
 @pytest.mark.parametrize(
     "section, name",

@@ -153,7 +153,7 @@ OTHERS = {
 }
 
 
-@pytest.mark.exam
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["simple", "double"])
 def test_no_single_effect_explains_a_real_pendulum_as_friction_does(name):
     problem = swings_of(read_pendulum_campaign(DATA / name))
@@ -162,7 +162,7 @@ def test_no_single_effect_explains_a_real_pendulum_as_friction_does(name):
     assert min(fitted(problem, id_, *other)[1] for id_, other in OTHERS.items()) > 2.5 * with_friction
 
 
-@pytest.mark.exam
+@pytest.mark.long
 def test_a_real_weight_that_was_added_shows_as_more_mass_or_less_torque_and_as_nothing_else():
     problem = swings_of(read_pendulum_campaign(DATA / "simple-heavier"))
     mass_kg, with_mass = fitted(problem, "added_mass", "mass_kg", 0.0, 2.0)

@@ -79,7 +79,7 @@ def window_starts_s(folder):
     return [corrected.window.start_s for condition in conditions for corrected in condition.windows]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_file_gives_the_runs_that_csv_files_give(campaign, tmp_path, kind):
     found = read_experiment(convert(campaign, tmp_path / "arm", kind))
@@ -92,7 +92,7 @@ def test_every_kind_of_file_gives_the_runs_that_csv_files_give(campaign, tmp_pat
         np.testing.assert_allclose(run.commands, same.commands, rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_bag_is_diagnosed_as_the_csv_file_is(campaign, tmp_path):
     answers = []
     for folder in (campaign, convert(campaign, tmp_path / "arm", "db3")):

@@ -42,7 +42,7 @@ def fill(place: Path) -> None:
             others.write(bytes(4096))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="a file system in memory is mounted")
 def test_the_motor_is_off_before_the_run_says_that_the_disk_is_full_and_every_acknowledged_stage_is_there(small_disk: Path, tmp_path: Path):
     running = subprocess.Popen(

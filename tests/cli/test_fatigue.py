@@ -69,7 +69,7 @@ class Wearing:
         self._carry_out(plan, bench, recorder, *more)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_leg_that_has_become_too_soft_ends_the_run(here, monkeypatch, capsys):
     import rfca_rig.cli.running
 

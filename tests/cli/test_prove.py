@@ -56,7 +56,7 @@ def all_gone(pids: list[int]) -> bool:
     return True
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="asks Linux whether a process is alive")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT], ids=["kill", "^C"])
 def test_a_stopped_exam_leaves_nobody_behind_and_goes_on_where_it_stood(monkeypatch, capsys, tmp_path, how):
@@ -111,7 +111,7 @@ def test_a_folder_in_use_and_an_unknown_kind_are_refused(monkeypatch, capsys, tm
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.exam
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_a_real_case_from_end_to_end(monkeypatch, capsys, tmp_path):
     said = prove(monkeypatch, capsys, tmp_path / "exam", "--seed", 2, "--kind", "poor data", "--cases", 1, "--workers", 1)

@@ -54,7 +54,7 @@ def static_run(here, monkeypatch, capsys, *stages, head=HEAD, words=()):
     return typed(monkeypatch, capsys, "static", "run", "--protocol", protocol(here, *stages, head=head), *words)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_stages_have_hinge_angles_photos_and_overlays_and_everybody_can_read_the_run(here, monkeypatch, capsys, two_stages):
     folder, answer = two_stages
     kept = read_recording(folder / "run.h5")
@@ -74,7 +74,7 @@ def test_stages_have_hinge_angles_photos_and_overlays_and_everybody_can_read_the
     assert f"{kept.static[0].hinge_deg[0]:.2f}".replace("-", "\u2212") in (here / "report" / "report.html").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_bending_protocol_runs_and_its_report_finds_the_bend_and_the_hinges(here, monkeypatch, capsys):
     answer = json.loads(typed(monkeypatch, capsys, "static", "run", "--protocol", "bending", "--json").out)
     assert all(stage["settled"] and not stage["photo_doubts"] for stage in answer["stages"])
@@ -89,7 +89,7 @@ def test_the_bending_protocol_runs_and_its_report_finds_the_bend_and_the_hinges(
         assert low < true < high
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_bytes_and_another_one_other_photos(here, monkeypatch, capsys):
     for seed in (3, 3, 4):
         assert static_run(here, monkeypatch, capsys, (60.0, "loading"), words=("--seed", seed)).exit_code == 0

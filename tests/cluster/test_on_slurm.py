@@ -19,7 +19,7 @@ EXAM = ("--seed", "2", "--kind", "poor data", "--cases", "2")
 SWEEP = ("--vary", "height_mm=215:235:5", "--set", "speed_rad_s=2.4", "--outputs", "valley_fz_N")
 
 pytestmark = [
-    pytest.mark.exam,
+    pytest.mark.long,
     pytest.mark.skipif(missing() is not None, reason=missing() or ""),
     pytest.mark.timeout(300),
 ]

@@ -76,7 +76,7 @@ def content(exam: Path) -> dict[str, bytes]:
     return {str(path.relative_to(exam)): path.read_bytes() for path in files if path.name != "seconds.txt"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_exam_has_the_same_bytes_by_processes_and_by_a_cluster(monkeypatch, capsys, tmp_path, address):
     monkeypatch.setattr(proving, "diagnose_as_typed", wants_more_data)
     for name, words in (("here", ("--workers", 1)), ("there", ("--cluster", address))):
@@ -86,7 +86,7 @@ def test_an_exam_has_the_same_bytes_by_processes_and_by_a_cluster(monkeypatch, c
     assert sorted(path.name for path in tmp_path.iterdir()) == ["here", "there"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_exam_whose_command_was_killed_goes_on_where_it_stood(monkeypatch, capsys, tmp_path, address):
     out = tmp_path / "exam"
     words = [sys.executable, "-m", "tests.exam_cases.examinees", "prove", "--out", out, *EXAM, "--cluster", address]

@@ -115,7 +115,7 @@ def test_a_shaft_that_sags_is_not_only_late():
     assert not tracks_command(shaft, RIG.drive.ramp_s)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_drive_that_sags_and_is_late_is_given_its_own_gains():
     """A command that comes late is made up for by the integral alone, as a smaller proportional gain would have it."""
     _, drive = found_late(replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=8.0, ki_Nm_per_rad=60.0),)))

@@ -135,7 +135,7 @@ def test_where_no_force_explains_the_misfit_no_part_is_stated():
     assert place_of(ranked(("fz_N", 500.0), ("hinge2", 10.0), is_located=False)) is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_damping_of_the_hinges_that_is_not_looked_for_is_found_there_with_its_law(tmp_path):
     # with 0.05 a law in hinge 2 alone has a log evidence 4 higher than one in all hinges
     found = told(tmp_path, effects={"hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": 0.08}})

@@ -61,7 +61,7 @@ def deviations(law, truth):
     return np.abs(law.whole - np.array([truth(u) for u in law.knots]))[smooth] / law.whole_std[smooth]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_quadratic_damping_of_the_hinges_is_measured_within_its_band(tmp_path):
     found, _ = searched(tmp_path, effects={"hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": 0.05}})
     law = measure_law(found, "hinges", found.nothing, ["rate_rad_s", "angle_rad"])
@@ -78,7 +78,7 @@ def test_a_quadratic_damping_of_the_hinges_is_measured_within_its_band(tmp_path)
     assert not law.memory.has_memory
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_friction_that_differs_by_direction_is_measured_within_its_band(tmp_path):
     found, _ = searched(tmp_path, strangers={"friction_by_direction": {"backward_share": 0.7}})
     law = measure_law(found, "floor_friction", found.nothing)
@@ -105,7 +105,7 @@ def squared_stribeck(tmp_path_factory):
         return *searched(folder, effects=concealed), campaign(folder / "other heights", OTHER, effects=concealed)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_stribeck_law_of_another_exponent_is_measured_and_its_model_predicts_new_heights(tmp_path, squared_stribeck):
     found, recording, at_other_heights = squared_stribeck
     with algebra_on_one_thread():
@@ -124,7 +124,7 @@ def test_a_stribeck_law_of_another_exponent_is_measured_and_its_model_predicts_n
     assert with_law < 0.5 * believed
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_friction_law_is_the_same_within_its_band_wherever_its_fit_begins(squared_stribeck):
     found, _, _ = squared_stribeck
     with algebra_on_one_thread():
@@ -144,7 +144,7 @@ def moved_a_little(found, seed):
     return replace(found.nothing, fitted=replace(fitted, x=x, predicted=found.dataset.predicted(fitted.coordinates.supposed(x))))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_dry_friction_of_the_pins_has_memory_as_a_function_of_the_angle(tmp_path):
     found, _ = searched(tmp_path, effects={"hinge_coulomb_friction": {"torque_Nm": 0.05}})
     law = with_memory_test(found, fit_law(found, make_argument("hinges", "angle_rad"), found.nothing))

@@ -103,7 +103,7 @@ def test_where_the_friction_is_believed_nothing_is_claimed_of_the_same_recording
     assert (found.verdict, found.effects) == ("nothing missing", ())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_real_weight_that_was_added_or_a_scale_that_does_the_same_is_what_it_behaves_like():
     found = diagnosed(read_pendulum_campaign(DATA / "simple-heavier"))
     alike = [rival.probability for rival in found.rivals if {"added_mass", "torque_scale"} & set(rival.ids)]
@@ -126,14 +126,14 @@ THREE_PUBLISHED_SETS_AGREE_TO = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_and_rotors_left_out_of_a_real_double_pendulum_are_stated_where_the_believed_values_are_as_uncertain_as_they_are():
     campaign = replace(read_pendulum_campaign(DATA / "double"), known_to=THREE_PUBLISHED_SETS_AGREE_TO)
     found = diagnosed(campaign)
     assert states_only(found, {"joint_friction", "joint_stribeck", "joint_inertia"}, "joint_dissipation")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_and_rotors_left_out_of_a_real_double_pendulum_are_what_it_behaves_like():
     found = diagnosed(read_pendulum_campaign(DATA / "double"))
     alike = ({"joint_friction", "joint_inertia"}, {"joint_stribeck", "joint_inertia"})
@@ -173,7 +173,7 @@ def test_of_a_simulated_pendulum_nothing_is_claimed_where_believed_values_alone_
     assert diagnosed(simulated(pendulum=other)).verdict == "nothing missing"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("id_", "name", "value"),
     [("joint_inertia", "inertia_kg_m2", 0.02), ("added_mass", "mass_kg", 0.15), ("joint_friction", "torque_Nm", 0.1)],

@@ -49,7 +49,7 @@ def none(w, tau):
     return 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("id_", "parameter", "low", "high", "runs"),
     [
@@ -71,7 +71,7 @@ def test_what_was_concealed_is_stated_or_one_that_cannot_be_told_from_it_or_its_
         assert low < effect.parameters[parameter].value < high
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_runs_with_the_motors_off_and_on_are_one_campaign():
     found = diagnosed(made(1, stribeck, 0.0, 0.0), made(2, stribeck, 0.0, 0.0, powered=False))
     named = {name for effect in found.effects for name in (effect.id, *effect.cannot_tell_from)}

@@ -46,7 +46,7 @@ def test_the_effects_that_are_missing_are_the_most_probable_set(effects):
     assert all(values[effect.id] == pytest.approx(effect.values[0][1], rel=0.15) for effect in effects)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_three_effects_are_searched_where_two_leave_too_much():
     found = search((HEAVY, LEAKING, SOFT))
     assert set(found.named[0].ids) == {"tip_mass", "sensor_crosstalk", "ground_compliance"}

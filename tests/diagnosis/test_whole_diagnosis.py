@@ -42,7 +42,7 @@ def test_where_nothing_was_left_out_nothing_is_claimed(tmp_path):
     assert seen["hinge_backlash"]["half_gap_deg"] < 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_drive_that_is_late_is_no_cause(tmp_path):
     recording = campaign(tmp_path, {})
     diagnosis = told(replace(recording, strokes=tuple(late(stroke, 2e-3) for stroke in recording.strokes)))
@@ -51,7 +51,7 @@ def test_a_drive_that_is_late_is_no_cause(tmp_path):
     assert diagnosis.fit["rms_fz_N"].after < diagnosis.fit["rms_fz_N"].noise_floor
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effect", "values"),
     [
@@ -74,7 +74,7 @@ def test_what_was_left_out_is_named_with_its_size(tmp_path, effect, values):
     assert json.loads((tmp_path / "diagnosis.json").read_text())["effects"][0]["id"] == effect
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_one_condition_is_not_enough_for_a_name(tmp_path):
     recording = campaign(tmp_path, {"hinge_backlash": {"half_gap_deg": 0.9}})
     few = replace(recording, strokes=recording.strokes[:2])

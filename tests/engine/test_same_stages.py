@@ -17,7 +17,7 @@ from tests.protocol.random_plans import PLANS, SETTLE
 from tests.protocol.test_plans import RIG
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(plan=PLANS)
 def test_what_is_run_is_what_was_planned_in_no_more_than_the_time_that_was_told(plan):

@@ -75,7 +75,7 @@ def test_strangers_are_in_no_catalogue_and_all_have_sizes():
     assert not set(NAMES) & set(catalogue())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_every_stranger_shows(name):
     case = next(case for case in drawn_cases(5, {cases.STRANGER: len(NAMES)}) if name in case.strangers)
@@ -93,7 +93,7 @@ def test_every_wrong_label_changes_what_is_written_or_what_is(said):
     assert sum(changed) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_strength_is_what_shifts_the_forces():
     sizes = []
     for level in range(5):

@@ -45,7 +45,7 @@ def fresh(exam):
     return folder, visible
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_those_that_show_are_asked_again_each_without_its_own_effect(exam):
     folder, visible = fresh(exam)
     diagnose, asked = saying("unexplained")

@@ -1,6 +1,6 @@
 """Two hundred legs and grounds drawn wide, effects on and off: no failure, and no valley that hangs on the tolerance.
 
-Run by hand: pytest -m exam tests/exams/test_robustness.py -s
+Run by hand: pytest -m long tests/exams/test_robustness.py -s
 """
 
 from dataclasses import replace
@@ -51,7 +51,7 @@ def verdict(rig: RigModel) -> tuple[str, float]:
     return "valley", abs(valleys[0].fz_N / valleys[1].fz_N - 1.0)
 
 
-@pytest.mark.exam
+@pytest.mark.long
 @pytest.mark.timeout(3600)
 def test_no_silent_failure_and_no_valley_that_hangs_on_the_tolerance():
     random = np.random.default_rng(2026)

@@ -136,7 +136,7 @@ def test_a_campaign_without_strokes_or_a_folder_that_is_there_is_refused_in_one_
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_exported_leg_lacks_nothing(exported):
     found = diagnose_mechanism(read_experiment(exported), lambda *_: None).diagnosis
     assert found.grade == "nothing missing"

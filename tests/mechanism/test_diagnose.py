@@ -38,7 +38,7 @@ def sizes(effect):
     return {name: value.value for name, value in effect.parameters.items()}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_said_to_be_missing_of_an_arm_that_is_as_its_model(tmp_path):
     found = diagnosed(campaign(tmp_path / "arm", NOMINAL))
     assert found.grade == "nothing missing"
@@ -46,7 +46,7 @@ def test_nothing_is_said_to_be_missing_of_an_arm_that_is_as_its_model(tmp_path):
     assert {one.id for one in found.not_seen} >= {"joint_friction", "joint_damping", "joint_inertia", "torque_scale"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_said_to_be_missing_of_a_hopper_whose_contact_has_another_law(tmp_path):
     """Hunt and Crossley's sole against MuJoCo's contact, with a force plate."""
     known_to = {"mass_relative": 0.01, "zero_offset_m": 0.0002, "contact_stiffness_relative": 0.1, "contact_damping_relative": 0.5}
@@ -58,7 +58,7 @@ def test_nothing_is_said_to_be_missing_of_a_hopper_whose_contact_has_another_law
     assert any("plate_force" in name for name in found.fit)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_of_bristles_in_one_joint_is_identified_with_joint_and_size(tmp_path):
     found = diagnosed(campaign(tmp_path / "arm", replace(NOMINAL, friction=Friction((0.0, 0.4, 0.0)))))
     (effect,) = found.effects
@@ -68,7 +68,7 @@ def test_friction_of_bristles_in_one_joint_is_identified_with_joint_and_size(tmp
     assert all(figure.after < 0.2 * figure.before for figure in found.held_out.values())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_rotors_are_identified_and_stand_in_the_amended_model(tmp_path):
     rotor_kg_m2 = (0.05, 0.02, 0.004)
     folder = campaign(tmp_path / "arm", replace(NOMINAL, rotor_kg_m2=rotor_kg_m2))
@@ -81,7 +81,7 @@ def test_rotors_are_identified_and_stand_in_the_amended_model(tmp_path):
     assert "joint1" in (tmp_path / "out" / "diagnosis.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("gear", "effect_id"),
     [
@@ -110,7 +110,7 @@ def test_a_real_pendulum_is_said_to_dissipate_through_this_simulator_too(tmp_pat
     assert min(removed) > 0.6
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_recordings_are_diagnosed_where_all_nominal_values_count_as_exact(tmp_path):
     put_together("simple", read_sets()["simple"], tmp_path)
     text = (tmp_path / "experiment.toml").read_text(encoding="utf-8")

@@ -148,7 +148,7 @@ def test_check_says_what_it_can_of_such_a_recording(folder):
     assert words["diagnosis", "conditions"] == "4 motions from rest, each predicted from the others"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_damping_of_a_joint_without_an_encoder_is_found(tmp_path):
     damping = 0.06
     damped = replace(NOMINAL, friction=Friction((0.0, 0.0), viscous_Nm_s_per_rad=(0.0, damping)))
@@ -168,7 +168,7 @@ def test_damping_of_a_joint_without_an_encoder_is_found(tmp_path):
         assert values["joint1_coefficient_Nm_s_per_rad"] < 0.4 * damping  # no size may be 0 there; a third was seen
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_said_to_be_missing_where_nothing_is(folder):
     found = diagnose_mechanism(read_experiment(folder), lambda *_: None).diagnosis
     assert found.grade == "nothing missing"

@@ -40,7 +40,7 @@ def measured(problem, place):
         return measure_joint_law(problem, found, found.nothing, parse_place(place, problem.simulator.mechanism))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_lugre_friction_that_rises_at_rest_is_measured_within_its_band(tmp_path):
     """The truth is the steady curve of the bristles; their bend of 2 mrad makes two branches at low speeds, which the band holds."""
     friction = Friction((0.0, 0.4, 0.0), rise=0.8)
@@ -63,7 +63,7 @@ def test_lugre_friction_that_rises_at_rest_is_measured_within_its_band(tmp_path)
     assert found.stated.instead_of == ()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_spring_is_measured_over_the_position(tmp_path):
     """The model has a spring that the arm has not: what is missing is minus its torque."""
     folder = campaign(tmp_path / "arm", Arm())
@@ -79,7 +79,7 @@ def test_a_spring_is_measured_over_the_position(tmp_path):
     assert law.explained > 0.8
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_law_stands_in_the_answer_and_takes_the_place_of_a_stated_effect(tmp_path):
     folder = campaign(tmp_path / "arm", replace(Arm(), friction=Friction((0.0, 0.4, 0.0))))
     out = tmp_path / "out"

@@ -85,7 +85,7 @@ def test_a_motion_that_needs_larger_commands_is_not_proposed(experiment):
     assert all(design.simulate(stuck) is None for design in _designs(problem))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_open_gets_a_motion_as_a_file(tmp_path):
     rubs = Arm(friction=Friction((0.6, 0.3, 0.1)))
     folder = write_campaign(tmp_path / "arm", Arm(), [record(rubs, 3.9, 0)], {"mass_relative": 0.02})

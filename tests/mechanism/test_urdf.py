@@ -92,7 +92,7 @@ def test_a_urdf_is_drafted_and_checked(folder):
     assert "WARNING" not in ran.output
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_of_a_urdf_arm_is_stated_and_stands_in_the_amended_model(folder, tmp_path):
     path = folder / "experiment.toml"
     path.write_text(path.read_text(encoding="utf-8").replace("model.xml", "arm.urdf").replace('"motor', '"joint'), encoding="utf-8")

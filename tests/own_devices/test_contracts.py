@@ -140,7 +140,7 @@ def test_an_example_has_less_than_sixty_lines_of_code(file: str) -> None:
     assert lines_of_code(EXAMPLES / f"{file}.py") < 60
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_runs_the_contract_and_names_what_is_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -17,7 +17,7 @@ parameters = { coefficient_Nm_s3_per_rad3 = 0.01 }
 RUN = ("--height", "215", "--speed", "3.249", "--repeats", "1")
 
 
-@pytest.mark.exam
+@pytest.mark.long
 def test_a_run_whose_twin_has_it_and_whose_model_believes_it(tmp_path, monkeypatch, capsys):
     assert NAMED.strip() in (ROOT / "docs" / "add-an-effect.md").read_text()
     monkeypatch.chdir(tmp_path)

@@ -108,7 +108,7 @@ def test_a_run_killed_at_any_of_twenty_writes_loses_no_acknowledged_stage(tmp_pa
     assert {0, 1, 2, 3} == set(safe)
 
 
-@pytest.mark.exam
+@pytest.mark.long
 @pytest.mark.timeout(7200)
 def test_a_run_killed_at_every_write_loses_no_acknowledged_stage(tmp_path: Path):
     calls = calls_of(whole_run(tmp_path / "calls", header(), run_blocks(STAGES)))
@@ -132,7 +132,7 @@ class Collecting(DirectKeeper):
             self.stages.append([])
 
 
-@pytest.mark.exam
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_a_run_on_the_twin_killed_at_over_200_writes_loses_no_acknowledged_stage(tmp_path: Path):
     rig = twin_rig()
@@ -200,7 +200,7 @@ def test_a_journal_cut_at_any_of_six_bytes(tmp_path: Path):
         cut_at(tmp_path / "run", tmp_path / "copy", int(place), ends)
 
 
-@pytest.mark.exam
+@pytest.mark.long
 @pytest.mark.timeout(3600)
 def test_a_journal_cut_at_over_200_bytes(tmp_path: Path):
     where, ends = places(tmp_path / "run", 12)

@@ -46,7 +46,7 @@ def test_who_reads_while_a_file_is_replaced_sees_the_old_one_whole(tmp_path: Pat
         assert reader.read() == before
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_more_than_999_strokes_keep_their_order(tmp_path: Path):
     times = Stream(np.array([0.0]), {})
     written = dataclasses.replace(recording(0, 0), strokes=tuple(Stroke(0.2, 3.0, k, {"force": times}) for k in range(1, 1003)))

@@ -99,7 +99,7 @@ def test_a_file_cut_at_any_of_three_bytes(crashed: Path, tmp_path: Path, kind: s
         survives(crashed, tmp_path / "copy", kind, share)
 
 
-@pytest.mark.exam
+@pytest.mark.long
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("kind", KINDS)
 def test_files_cut_at_over_200_bytes(crashed: Path, tmp_path: Path, kind: str):

@@ -272,7 +272,7 @@ def test_a_measured_law_is_drawn_and_told(tmp_path):
     assert written_json(tmp_path, NAMED)["measured_law"] is None and "as measured" not in read(page(NAMED, Origin()))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("verdict", ALL)
 def test_every_verdict_makes_a_whole_page_that_fetches_nothing(verdict):
     text = page(ALL[verdict], Origin())

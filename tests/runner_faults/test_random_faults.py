@@ -54,7 +54,7 @@ def test_no_combination_leaves_the_motor_on_or_loses_a_stage(together: list[Mish
     holds(together)
 
 
-@pytest.mark.exam
+@pytest.mark.long
 @pytest.mark.timeout(0)
 @pytest.mark.parametrize("thousand", range(10))
 def test_none_of_ten_thousand_does(thousand: int) -> None:

@@ -72,7 +72,7 @@ def extremes(stroke: Stroke, channel: str) -> tuple[float, float]:
     return float(values.min()), float(values.max())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_is_seen_with_the_peaks_of_its_recording_and_its_end(tmp_path, watched):
     plan = one_condition(RIG)
     with (

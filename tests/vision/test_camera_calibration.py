@@ -35,7 +35,7 @@ def points(rotation, translation_m, noise_px=0.05, seed=0) -> BoardPhoto:
     return BoardPhoto(f"p{seed}", TRUE.size, BOARD.corners_m(), px, 2.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_corners_lie_where_the_board_was(found):
     for photo, (rotation, translation_m) in zip(found, tilted_all_ways(BOARD), strict=True):
         flat = np.column_stack([photo.on_board_m, np.zeros(len(photo.px))])

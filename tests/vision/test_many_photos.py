@@ -45,7 +45,7 @@ def read(random: np.random.Generator) -> tuple[CameraModel, Floats, Look, Identi
     return model, angles, look, identified, hinge_angles(identified, model, PLAN, LENGTHS_M.tolist())
 
 
-@pytest.mark.exam
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_five_hundred_photos(capsys: pytest.CaptureFixture[str]) -> None:
     random = np.random.default_rng(20)

@@ -159,7 +159,7 @@ def pulls_and_cover(count: int, draws: int):
     return np.array(pulls), float(np.mean(cover)), alarms
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_band_covers():
     pulls, cover, alarms = pulls_and_cover(6, 2)
     assert cover >= 0.85
@@ -168,7 +168,7 @@ def test_the_band_covers():
     assert alarms == 0
 
 
-@pytest.mark.exam
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_the_band_covers_as_often_as_it_says():
     pulls, cover, alarms = pulls_and_cover(50, 4)
