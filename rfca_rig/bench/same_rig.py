@@ -31,7 +31,7 @@ def rig_to_go_on(begun: Begun, path: Path, deliberately: bool) -> RigNow:
     """
     now, text = read_rig(path), read_text(path)
     before = model_of(begun.header.provenance["rig_file"], RigFile, begun.folder / "rig_file")
-    changes = {**_changes(before, model_of(text, RigFile, path)), **_other_drivers(begun, now)}
+    changes = {**_changes(before, model_of(text, RigFile, path)), **_other_drivers(begun, now), **_other_curve(begun, before, now)}
     fixed = [key for key in changes if key.startswith(FIXED)]
     if fixed:
         raise BadInput(f"{path}: {_named(fixed)} not as the run began with; one run has one belief, so begin a new one")
@@ -54,6 +54,15 @@ def _other_drivers(begun: Begun, now: RigFile) -> dict[str, str]:
     """Files of own devices that do not read as they did, as they read now."""
     before = begun.header.provenance
     return {name: text for name, text in texts_of(now.motor, now.force_sensor).items() if before.get(name, text) != text}
+
+
+def _other_curve(begun: Begun, before: RigFile, now: RigFile) -> dict[str, str]:
+    """The file of a torque-rotation curve that does not read as it did. A run with a model file does not believe the rig file's curve."""
+    section = before.leg.torque_rotation
+    if section is None or section.curve is None or "model_file" in begun.header.provenance:
+        return {}
+    was, stands = (believed["leg"].get("torque_rotation") for believed in (begun.header.believed, now.believed()))
+    return {} if was == stands else {"leg.torque_rotation.curve": section.curve}
 
 
 def _flat(values: Mapping[str, Any], above: str) -> list[tuple[str, Any]]:
