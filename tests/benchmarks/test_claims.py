@@ -19,6 +19,7 @@ def test_the_calibrated_leg_presses_with_a_third_of_the_measured_force_and_whips
     assert (peak["whip"].fy_N, peak["whip"].fz_N) == pytest.approx((45.4, 135.0), abs=2.0)
 
 
+@pytest.mark.slow
 def test_stops_that_table_2_does_not_see_raise_the_force_of_the_impact_test():
     stopped = with_stop(25.0, 1000.0)
     assert np.abs(table_2_errors_pct(stopped) - table_2_errors_pct(PAPER)).max() < 0.05

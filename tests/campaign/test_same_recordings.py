@@ -104,6 +104,7 @@ def test_a_bag_is_diagnosed_as_the_csv_file_is(campaign, tmp_path):
     assert answers[0]["recordings"] != answers[1]["recordings"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_recording_that_changes_makes_another_campaign(campaign, tmp_path, kind):
     folder = convert(campaign, tmp_path / "arm", kind)

@@ -160,6 +160,7 @@ EFFECT = Effect("our_floor", "ground", "a floor", "h + d", "us", (Parameter("by_
 """
 
 
+@pytest.mark.slow
 def test_an_effect_of_one_s_own_is_looked_for_or_said_to_have_no_place(say, tmp_path, monkeypatch):
     folder = tmp_path / "effects"
     folder.mkdir()

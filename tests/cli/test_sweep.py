@@ -71,6 +71,7 @@ def test_all_that_can_be_varied_and_put_out_is_listed(monkeypatch, capsys):
         assert f"\n  {name}" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted((ROOT / "sweeps").glob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_sweeps_are_whole(monkeypatch, capsys, here, path):
     said = sweep(monkeypatch, capsys, path.stem, "--dry-run", "--json")

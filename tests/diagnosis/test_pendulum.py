@@ -38,6 +38,7 @@ def simple():
     return diagnosed(read_pendulum_campaign(DATA / "simple"))
 
 
+@pytest.mark.slow
 def test_friction_left_out_of_a_real_pendulum_is_stated_as_large_as_the_authors_report_it(simple):
     """Two swing-ups do not tell the two laws of dry friction apart."""
     (effect,) = simple.effects
@@ -81,6 +82,7 @@ def free():
     return diagnosed(read_pendulum_campaign(REAL_FREE))
 
 
+@pytest.mark.slow
 def test_a_real_rod_that_nothing_drives_loses_energy_by_some_friction_or_drag(free):
     dissipation = {"hinge_viscous_damping", "joint_friction", "joint_stribeck", "fluid_drag"}
     assert set(free.rivals[0].ids) <= dissipation
@@ -98,6 +100,7 @@ def test_what_is_not_claimed_says_how_much_of_the_held_out_error_it_would_take_a
     assert float(after) < 0.5 * float(before)
 
 
+@pytest.mark.slow
 def test_where_the_friction_is_believed_nothing_is_claimed_of_the_same_recordings():
     found = diagnosed(believing_friction(read_pendulum_campaign(DATA / "simple")))
     assert (found.verdict, found.effects) == ("nothing missing", ())

@@ -21,6 +21,7 @@ def stribeck():
     return found_among(flaps_of(recorded(rough, CONDITIONS)), ["ground_stribeck"])
 
 
+@pytest.mark.slow
 def test_the_stated_effect_is_left_out_and_its_law_drawn_beside(stribeck):
     (named, *_) = stribeck.named
     stated = measure_stated_law(stribeck, named, "floor_friction")
@@ -36,6 +37,7 @@ def test_the_stated_effect_is_left_out_and_its_law_drawn_beside(stribeck):
     assert (np.abs(off) < 2.0 * stated.law.std[slow]).all() and stated.law.std[slow].max() < 0.2
 
 
+@pytest.mark.slow
 def test_an_effect_elsewhere_stays_in_the_base(stribeck):
     (named, *_) = stribeck.named
     stated = measure_stated_law(stribeck, named, "hinges")

@@ -52,7 +52,7 @@ DRIVE = ("CAN bus", "drive", "drive error", "drive's encoder", "drive's torque")
 SENSOR = ("sensor's box", "sensor's records", "sensor's rate", "sensor's status")
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_healthy_rig_has_a_green_drive_and_sensor(told):
     """The clock and the rate of a loaded machine are the machine's own affair, and worth a second look."""
     for _ in range(3):
@@ -66,7 +66,7 @@ def test_a_healthy_rig_has_a_green_drive_and_sensor(told):
     assert said.exit_code == (json.loads(said.out)["red"] > 0)
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_wrong_node_id_is_named_with_its_remedy_within_80_columns(told):
     said = told(node_id="5")
     assert said.exit_code == 1
@@ -86,7 +86,7 @@ def test_a_silent_drive_is_told(told, server):
     assert "power" in said["drive"]["fix"]
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_sensor_on_another_port_is_unreachable(told, server):
     said = by_subject(told("--json", port="9"))
     assert said["sensor's records"]["colour"] == "red"
@@ -97,7 +97,7 @@ def test_a_sensor_on_another_port_is_unreachable(told, server):
     assert f"ping -c 3 {server.host}" in nobody["sensor's records"]["commands"]
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_box_set_otherwise_and_a_sensor_beyond_its_range_are_told(told, server):
     assert server.told("on force-saturated") == "ok\n"
     said = by_subject(told("--json", counts_per_N="500000.0"))
@@ -115,7 +115,7 @@ def test_a_bus_that_does_not_exist_is_told(told):
     assert said.exit_code == 1
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_an_error_of_the_drive_is_told_with_its_meaning(told, server):
     """Last, for the drive keeps it."""
     assert server.told("on over-temperature") == "ok\n"
@@ -126,7 +126,7 @@ def test_an_error_of_the_drive_is_told_with_its_meaning(told, server):
     assert said["drive error"]["commands"] == ["odrv0.clear_errors()"]
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_controller_on_a_serial_line_and_a_drive_in_mit_mode_are_looked_at(monkeypatch, capsys, tmp_path):
     served_file, real_file = tmp_path / "served.toml", tmp_path / "real.toml"
     served_file.write_text(rig_text())

@@ -45,6 +45,7 @@ def by_model(world, start, command, t_s, effects):
     return swing_of_model(Pendulum(tuple(PendulumLink(*link) for link in links)), trace, start[:n], start[n:], t_s[1:], effects)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", [ONE, RIG], ids=["one link", "two links"])
 @pytest.mark.parametrize("effect", [None, *SPANS])
 def test_both_simulators_agree_on_what_an_effect_does(world, effect):
@@ -93,6 +94,7 @@ def test_a_campaign_is_read_as_believed_and_tells_nothing_of_what_is_concealed(t
     assert not any(name in text for name in case.effects)
 
 
+@pytest.mark.slow
 def test_the_truth_says_how_much_shows():
     case = replace(drawn_cases(7, {PENDULUM_NOTHING: 1})[0], kind=PENDULUM_SINGLE)
     sizes = []

@@ -72,6 +72,7 @@ def test_any_sure_name_is_wrong(exam, probability, wrong):
     assert all(each.named == ("gravity_tilt",) and each.probability == probability for each in found.named)
 
 
+@pytest.mark.slow
 def test_nothing_missing_is_counted_by_itself(exam):
     folder, visible = fresh(exam)
     take_out_each(folder, saying("nothing missing")[0], Here())

@@ -58,6 +58,7 @@ def strokes(tmp_path, rig, step_s, half_gap_rad=0.0):
     return np.stack([chain.fy_N, chain.fz_N, chain.tx_Nm]), -found.sensors[:, 1:4].T
 
 
+@pytest.mark.slow
 def test_the_leg_in_mujoco_feels_what_the_compiled_chain_does(tmp_path):
     """The mechanism's own code, MuJoCo's mechanics and the contact law share nothing with the chain: at most 0.2 % of each force."""
     chain, mujoco = strokes(tmp_path, PAPER, 5e-5)

@@ -28,7 +28,7 @@ def mit():
 # -- who commands is gone ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_program_that_is_killed_in_mid_motion_leaves_no_torque(mit):
     with driving(mit) as d:
         assert d.greatest_torque_Nm() > 1.0
@@ -37,7 +37,7 @@ def test_a_program_that_is_killed_in_mid_motion_leaves_no_torque(mit):
         assert is_gone(d.guardian)
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_program_that_is_stopped_leaves_no_torque_and_moves_nothing_when_it_goes_on(mit):
     with driving(mit) as d:
         d.program.send_signal(signal.SIGSTOP)
@@ -47,7 +47,7 @@ def test_a_program_that_is_stopped_leaves_no_torque_and_moves_nothing_when_it_go
         assert "guardian let go after 1" in d.last_line()
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_program_that_computes_instead_of_commanding_leaves_no_torque(mit):
     with driving(mit, "silent") as d:
         assert let_go(d, 1.5) < SILENCE_S + SMALL_S
@@ -66,7 +66,7 @@ def test_control_c_in_the_terminal_reaches_the_program_and_not_the_guardian(mit)
 # -- the guardian is gone ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_a_guardian_that_is_told_to_end_lets_go_first_and_the_program_hears_it(mit, how):
     with driving(mit) as d:
@@ -75,7 +75,7 @@ def test_a_guardian_that_is_told_to_end_lets_go_first_and_the_program_hears_it(m
         assert f"guardian let go because it was told to end by {how.name}" in d.last_line()
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("how", "said"),
     [(signal.SIGKILL, "guardian ended by itself"), (signal.SIGSTOP, "guardian hangs, silent for 0.")],

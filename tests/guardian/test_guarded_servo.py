@@ -18,7 +18,7 @@ def servo():
         yield served
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_program_that_is_killed_in_mid_motion_leaves_no_torque(servo):
     with driving(servo) as d:
         assert d.greatest_torque_Nm() > 1.0
@@ -27,7 +27,7 @@ def test_a_program_that_is_killed_in_mid_motion_leaves_no_torque(servo):
         assert is_gone(d.guardian)
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_program_that_is_stopped_leaves_no_torque(servo):
     with driving(servo) as d:
         d.program.send_signal(signal.SIGSTOP)

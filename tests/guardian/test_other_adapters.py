@@ -49,7 +49,7 @@ def wait_until_it_listens(bus: can.BusABC, ear: can.BusABC) -> None:
     raise AssertionError("the adapter forwarded nothing")
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 @pytest.mark.parametrize("adapter", [serial, multicast])
 def test_commands_pass_and_their_end_is_the_end_of_the_torque(adapter):
     with adapter() as (settings, ear), GuardedBus(settings, WORD, SILENCE_S, WallClock()) as bus:
@@ -63,7 +63,7 @@ def test_commands_pass_and_their_end_is_the_end_of_the_torque(adapter):
             bus.send(COMMAND)
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 @pytest.mark.parametrize("adapter", [serial, multicast])
 def test_what_the_bus_says_arrives(adapter):
     with adapter() as (settings, ear), GuardedBus(settings, WORD, SILENCE_S, WallClock()) as bus:

@@ -63,6 +63,7 @@ def test_an_effect_that_is_named_is_found_and_stands_in_the_amended_model(dry, t
     assert load_mechanism(tmp_path / "model.xml").model.dof_frictionloss == pytest.approx([0.0, size["value"], 0.0], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_friction_of_joints_that_have_none_is_at_the_end_of_its_range(dry):
     sizes = fitted(dry, names=["mass_relative"], effects=["joint_friction"]).fit.sizes
     assert [size.at_bound for size in sizes] == [True, False, True]

@@ -129,6 +129,7 @@ def misses(problem, effects=()):
     return np.sqrt(np.mean(np.square(off), axis=(0, 2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gear", "effect_id", "size", "sizes"),
     [

@@ -104,6 +104,7 @@ def test_the_law_stands_in_the_answer_and_takes_the_place_of_a_stated_effect(tmp
     assert scope["measured_law"](law["knots"][3]) == pytest.approx(law["values"][3], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_the_law_s_files_go_with_a_diagnosis_without_one(tmp_path):
     folder = campaign(tmp_path / "arm", Arm(), seconds=1.4, seeds=(0,))
     out = tmp_path / "out"

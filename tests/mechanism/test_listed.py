@@ -50,6 +50,7 @@ def test_an_experiment_that_cannot_be_read_is_listed_without_its_length(short, t
     assert "damaged" in listed(tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["diagnosis", "arm/diagnosis"])
 def test_the_verdict_of_a_diagnosis_beside_it_or_in_it_is_listed(short, tmp_path, monkeypatch, place):
     folder = shutil.copytree(short, tmp_path / "runs" / "arm")

@@ -59,6 +59,7 @@ def test_a_joint_without_a_motor_of_its_own_follows_no_reference(arm, tmp_path):
     assert not has_torque_motors(load_mechanism(tmp_path / "servo.xml"))
 
 
+@pytest.mark.slow
 def test_motions_keep_to_the_recorded_range_and_to_the_recorded_commands(experiment):
     mechanism = load_mechanism(experiment.model)
     problem = make_problem(experiment, mechanism)

@@ -33,6 +33,7 @@ def rows_of(path):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_the_page_shows_every_signal_with_its_errors_and_residuals(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     done = typed(monkeypatch, capsys, "report", folder)
@@ -60,6 +61,7 @@ def test_the_page_shows_every_signal_with_its_errors_and_residuals(folder, tmp_p
     assert (tmp_path / "report" / "report.html").read_text(encoding="utf-8") == page
 
 
+@pytest.mark.slow
 def test_another_model_takes_the_place_of_the_nominal_one(folder, tmp_path, monkeypatch, capsys):
     amended = tmp_path / "amended.xml"
     text = (folder / "model.xml").read_text(encoding="utf-8")

@@ -59,6 +59,7 @@ def test_no_test_uses_a_recording_of_development():
     assert len(used["test"]) == len(set(used["test"]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SETS)
 def test_read_and_check_accept_a_set_and_doubt_no_sign_or_unit(name, tmp_path):
     folder = tmp_path / name

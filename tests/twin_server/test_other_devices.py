@@ -23,7 +23,7 @@ def rig_text() -> str:
     return f"{before}{MOTOR}\n{SENSOR}\n[twin]{devices.partition('[twin]')[2]}"
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_both_are_read_over_their_wires(tmp_path, monkeypatch):
     served_file, real_file = tmp_path / "served.toml", tmp_path / "real.toml"
     served_file.write_text(rig_text())

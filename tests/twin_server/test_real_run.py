@@ -73,7 +73,7 @@ def run_once(rig: RigFile) -> tuple[Stroke, StreamHealth]:
         return sink.strokes[0], bench.sensor.health()
 
 
-@pytest.mark.long
+@pytest.mark.realtime
 def test_one_stroke_is_run_over_the_sockets_as_in_simulated_time(served, tmp_path):
     """A busy machine may be late, or leave drive or sensor without a word for too long: the trip is right, and tried again."""
     rig = real_rig(tmp_path, served)
