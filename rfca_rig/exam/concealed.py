@@ -212,6 +212,11 @@ def motor_cogging(world: World, values: Values) -> World:
     return replace(world, drive=replace(drive, cogging_Nm=values["torque_Nm"], cogging_cycles=values["cycles_per_turn"]))
 
 
+def ground_bump(world: World, values: Values) -> World:
+    height, at, width = (1e-3 * values[name] for name in ("height_mm", "at_mm", "width_mm"))
+    return replace(world, floor=replace(world.floor, bump_m=height, bump_at_m=at, bump_width_m=width))
+
+
 EFFECTS: Mapping[str, Callable[[World, Values], World]] = {
     effect.__name__: effect
     for effect in (
@@ -253,5 +258,6 @@ EFFECTS: Mapping[str, Callable[[World, Values], World]] = {
         shaft_play,
         motor_torque_limit,
         motor_cogging,
+        ground_bump,
     )
 }

@@ -73,6 +73,11 @@ SPANS: Mapping[str, Mapping[str, Span]] = {
     "shaft_play": {"half_gap_deg": Span(0.3, 2.0)},
     "motor_cogging": {"torque_Nm": Span(0.1, 2.0), "cycles_per_turn": Span(6.0, 40.0, free=True)},
     "motor_torque_limit": {"limit_Nm": Span(8.0, 5.0)},
+    "ground_bump": {
+        "height_mm": Span(0.3, 4.0, either_sign=True),
+        "at_mm": Span(40.0, 150.0, free=True),
+        "width_mm": Span(10.0, 40.0, free=True),
+    },
     "sensor_crosstalk_matrix": {
         "fz_per_fy": Span(0.005, 0.1, either_sign=True),
         "fy_per_fz": Span(0.005, 0.1, either_sign=True),
@@ -88,7 +93,6 @@ STRANGER_SPANS: Mapping[str, Mapping[str, Span]] = {
     "friction_by_direction": {"backward_share": Span(1.15, 2.0)},
     "sensor_curvature": {"per_N": Span(0.0006, 0.005, either_sign=True)},
     "stiffness_falls_with_repeats": {"share_per_repeat": Span(0.015, 0.06)},
-    "floor_bump": {"height_mm": Span(0.8, 5.0), "at_mm": Span(40.0, 150.0, free=True), "width_mm": Span(10.0, 30.0, free=True)},
     "sensor_play": {"half_width_N": Span(0.4, 3.0)},
     "sensor_creep": {"share": Span(0.02, 0.2), "time_s": Span(0.2, 1.0, free=True)},
     "mains_hum": {"amplitude_N": Span(0.3, 3.0), "frequency_Hz": Span(50.0, 100.0, free=True)},

@@ -65,9 +65,9 @@ FAMILIES = (
     Family("floor_holds", "the floor holds the leg back when it leaves", "ground", frozenset(("ground_adhesion",))),
     Family(
         "floor_geometry",
-        "the floor is elsewhere than stated: height or slope",
+        "the floor is elsewhere than stated: height, slope or a bump",
         "ground",
-        frozenset(("height_offset", "ground_tilt", "prescribed_offset")),
+        frozenset(("height_offset", "ground_tilt", "ground_bump", "prescribed_offset")),
     ),
     Family("rig_tilt", "the rig is not plumb", "rig", frozenset(("gravity_tilt",))),
     Family("rig_yields", "the frame under the shaft yields", "rig", frozenset(("frame_compliance",))),

@@ -96,7 +96,7 @@ class Setup:
     def compiled_laws(self, chain: Chain) -> Laws | None:
         """The laws of effects as the compiled chain wants them; None for a plain chain."""
         laws = (*self.laws, *(law(chain) for law in self.laws_of_chain))
-        if not laws and chain.frame_mass == 0.0 and chain.shaft_friction == 0.0:
+        if not laws and chain.frame_mass == chain.shaft_friction == chain.bump_height == 0.0:
             return None
         for use in laws:
             check(use)

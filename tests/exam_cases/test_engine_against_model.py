@@ -51,6 +51,7 @@ VALUES = {
     "shaft_play": {"half_gap_deg": 1.0},
     "motor_torque_limit": {"limit_Nm": 6.8},
     "motor_cogging": {"torque_Nm": 0.5, "cycles_per_turn": 14.0},
+    "ground_bump": {"height_mm": 3.0, "at_mm": 80.0, "width_mm": 15.0},
     "sensor_crosstalk_matrix": {"fz_per_fy": 0.05, "fy_per_fz": -0.04, "tx_per_fy_mm": 2.0, "tx_per_fz_mm": -3.0},
 }
 
