@@ -73,6 +73,7 @@ SPANS: Mapping[str, Mapping[str, Span]] = {
     "shaft_play": {"half_gap_deg": Span(0.3, 2.0)},
     "motor_cogging": {"torque_Nm": Span(0.1, 2.0), "cycles_per_turn": Span(6.0, 40.0, free=True)},
     "motor_torque_limit": {"limit_Nm": Span(8.0, 5.0)},
+    "stiffness_fading": {"loss_per_decade_relative": Span(0.01, 0.15)},
     "ground_bump": {
         "height_mm": Span(0.3, 4.0, either_sign=True),
         "at_mm": Span(40.0, 150.0, free=True),

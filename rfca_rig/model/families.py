@@ -44,9 +44,14 @@ FAMILIES = (
     ),
     Family(
         "hinge_stiffness",
-        "the torque of the hinges over their angle differs: play, stop, a softer hinge, another hardening or rest angle",
+        "the torque of the hinges over their angle differs: play, stop, a softer hinge, another hardening or rest angle, or fading",
         "hinges",
-        frozenset(("hinge_backlash", "hinge_stop", "damaged_hinge", "stiffness_hardening", "hinge_rest_angle", "hinge_rest_angle_of_one")),
+        frozenset(
+            (
+                *("hinge_backlash", "hinge_stop", "damaged_hinge", "stiffness_hardening", "stiffness_fading"),
+                *("hinge_rest_angle", "hinge_rest_angle_of_one"),
+            )
+        ),
     ),
     Family("leg_mass", "mass sits elsewhere on the leg", "tip", frozenset(("tip_mass", "heavier_link", "added_mass"))),
     Family("floor_friction", "floor friction differs, or is not constant", "ground", frozenset(("ground_stribeck", "contact_friction"))),

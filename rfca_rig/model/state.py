@@ -140,7 +140,8 @@ class Work(NamedTuple):
     assembled; `down`, `along` (n,) how every end beyond link j moves across and along
     the floor per radian of q_j; `arm` how the middle of a link moves across it per unit of each coordinate; `speed2`, `by_cos`,
     `by_sin` what the coupling of links needs of each; `place` (n, 7) of each end its depth, sinking, stretch and slip, and what
-    `bump` needs; `across`, `aside` (coordinates) are `down` and `along` over the floor that slopes under one end; `regime` (2, n) on which branch the law of each contact is, and the slope of the effects in each hinge, `regime_of_J` those at which J was
+    `bump` needs; `across`, `aside` (coordinates) are `down` and `along` over the floor that slopes under one end; `regime` (2, n) on
+    which branch the law of each contact is, and the slope of the effects in each hinge, `regime_of_J` those at which J was
     made; `outside` (2,) the force of the surroundings on the leg along y and down; `x` and `out` (8,) go to and from the laws of
     effects. `q`, `w`, `a` are those of the stage in work, `stage_w` and `stage_a` (4, coordinates) those of the step's stages;
     `jerk` is what the last step says of the acceleration's change, and `ends` (n, 7) is `place` where the step

@@ -1,5 +1,7 @@
 """The exam's simulator and the package's model, which share no code, agree on what both know."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigMode
 from rfca_rig.model.stroke import stroke_at_speed
 
 HEIGHT_M, SPEED_RAD_S = 0.215, 2.433
+STROKES_BEFORE = 30
 
 VALUES = {
     "hinge_coulomb_friction": {"torque_Nm": 0.1},
@@ -51,6 +54,7 @@ VALUES = {
     "shaft_play": {"half_gap_deg": 1.0},
     "motor_torque_limit": {"limit_Nm": 6.8},
     "motor_cogging": {"torque_Nm": 0.5, "cycles_per_turn": 14.0},
+    "stiffness_fading": {"loss_per_decade_relative": 0.1},
     "ground_bump": {"height_mm": 3.0, "at_mm": 80.0, "width_mm": 15.0},
     "sensor_crosstalk_matrix": {"fz_per_fy": 0.05, "fy_per_fz": -0.04, "tx_per_fy_mm": 2.0, "tx_per_fz_mm": -3.0},
 }
@@ -63,10 +67,10 @@ def rig(effect: str | None) -> RigModel:
 
 
 def both(effect: str | None):
-    world = believed_world(HEIGHT_M)
+    world = replace(believed_world(HEIGHT_M), strokes_before=STROKES_BEFORE)
     traces = stroke_traces(with_effect(world, effect, VALUES[effect]) if effect else world, SPEED_RAD_S)
     fy, fz, tx = felt(with_effect(world, effect, VALUES[effect]) if effect else world, traces)
-    model = stroke_at_speed(rig(effect), HEIGHT_M, SPEED_RAD_S, traces.t_s)
+    model = stroke_at_speed(rig(effect), HEIGHT_M, SPEED_RAD_S, traces.t_s, strokes_before=(STROKES_BEFORE,))
     return traces.t_s, (fy, fz, tx), (model.fy_N, model.fz_N, model.tx_Nm)
 
 
