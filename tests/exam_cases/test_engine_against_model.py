@@ -8,10 +8,12 @@ import pytest
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.exam.believed import BELOW_SHAFT_M, LENGTHS_M, MASSES_KG, RAMP_S, START_RAD, believed_world
 from rfca_rig.exam.concealed import EFFECTS, with_effect
-from rfca_rig.exam.experiment import stroke_traces
+from rfca_rig.exam.engine import RELEASED_S, simulate
+from rfca_rig.exam.experiment import HOLD_S, LOADING_RAD, MOVE_RAD_S, STEP_S, staged, stroke_traces
 from rfca_rig.exam.sensor import felt
-from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount, Swing
+from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, staged_motion
+from rfca_rig.model.stroke import stroke_at_speed, stroke_following
 
 HEIGHT_M, SPEED_RAD_S = 0.215, 2.433
 STROKES_BEFORE = 30
@@ -119,3 +121,19 @@ def test_static_stages_agree():
     hinges = np.array([np.array(a.hinge_deg) - np.degrees(b.hinge_angles_rad) for a, b in zip(mine, theirs, strict=True)])
     assert np.abs(off).max() < 0.25  # what the tip is thrown back by depends on how it sticks
     assert np.abs(hinges).max() < 0.5
+
+
+def test_an_arm_relaxes_alike_from_stage_to_stage(monkeypatch):
+    """On a floor without friction, which would hold the tip as it was thrown back; both legs are let go straight."""
+    monkeypatch.setitem(VALUES, "spring_relaxation", {"strength_relative": 0.3, "time_constant_s": 2.0})
+    smooth = believed_world(HEIGHT_M)
+    smooth = replace(smooth, floor=replace(smooth.floor, mu=0.0))
+    knots, read_s = staged(START_RAD, LOADING_RAD, 0.0075)
+    creeping = with_effect(smooth, "spring_relaxation", VALUES["spring_relaxation"])
+    mine, without = (felt(world, simulate(world, knots, read_s, step_s=STEP_S)) for world in (creeping, smooth))
+    let_go = replace(rig("spring_relaxation"), ground=Ground(1e5, 1.0, 0.0, 1e-4, 2.0), swing=Swing(-RELEASED_S, 1.0, 0.0))
+    motion, _ = staged_motion(START_RAD, LOADING_RAD, StageMoves(MOVE_RAD_S, 0.0075, HOLD_S - STILL_AFTER_S))
+    theirs = stroke_following(let_go, HEIGHT_M, motion, read_s)
+    assert np.abs(mine[1] - without[1]).max() > 2.0
+    assert mine[1] == pytest.approx(theirs.fz_N, abs=5e-3)
+    assert mine[2] == pytest.approx(theirs.tx_Nm, abs=1e-3)
