@@ -169,9 +169,10 @@ def _strokes_made(recordings: Sequence[Recording]) -> int | None:
     if len(recordings) != 1 or not recordings[0].strokes:
         return None
     (recording,) = recordings
-    before = [*(stroke.strokes_before for stroke in recording.strokes), *(stage.strokes_before for stage in recording.static)]
-    known = [count for count in before if count is not None]
-    return max(known) + 1 if len(known) == len(before) else None
+    made = [None if stroke.strokes_before is None else stroke.strokes_before + 1 for stroke in recording.strokes]
+    made += [stage.strokes_before for stage in recording.static]
+    known = [count for count in made if count is not None]
+    return max(known) if len(known) == len(made) else None
 
 
 def _before_start_s(conditions: Iterable[Condition]) -> float:

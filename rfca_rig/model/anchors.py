@@ -7,6 +7,7 @@ therefore cut short right behind a turn, and the anchors are put where the end h
 
 import numpy as np
 
+from rfca_rig.model.bump import SLOPE, Y
 from rfca_rig.model.compiled import inlined
 from rfca_rig.model.contact import extra_way, stretch_after, turn_to_floor
 from rfca_rig.model.state import Chain, Floats, State, Work
@@ -73,6 +74,7 @@ def note_ends(chain: Chain, state: State, q: Floats, work: Work) -> None:
     y = q[chain.length.size] * turn_to_floor(chain)[0] if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
-        for column in range(work.place.shape[1]):
-            work.ends[k, column] = work.place[k, column]
+        work.ends[k, 0], work.ends[k, 1], work.ends[k, 3] = work.place[k, 0], work.place[k, 1], work.place[k, 3]
+        if chain.bump_height != 0.0:
+            work.ends[k, Y], work.ends[k, SLOPE] = work.place[k, Y], work.place[k, SLOPE]
         work.ends[k, 2] = y - chain.lever * q[k] - state.anchor[k]

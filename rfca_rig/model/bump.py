@@ -84,11 +84,19 @@ def turn_to_bump(chain: Chain, k: int, work: Work) -> tuple[float, float]:
 
 
 @inlined
-def turn_ways(k: int, cos: float, sin: float, work: Work) -> None:
-    """How end k moves across and along the floor under it per radian of each link before it, into `work.across` and `work.aside`."""
+def turn_ways(chain: Chain, k: int, frame_along: float, frame_into: float, work: Work) -> tuple[float, float]:
+    """How end k moves across and along the floor under it per unit of each coordinate, into `work.across` and `work.aside`.
+
+    Returns along and across of a frame, which stand last, from its ways over the level floor.
+    """
+    cos, sin = turn_to_bump(chain, k, work)
     for j in range(k + 1):
         work.across[j] = cos * work.down[j] + sin * work.along[j]
         work.aside[j] = cos * work.along[j] - sin * work.down[j]
+    along, across = cos * frame_along - sin * frame_into, cos * frame_into + sin * frame_along
+    if work.across.size > work.down.size:
+        work.across[work.down.size], work.aside[work.down.size] = across, along
+    return along, across
 
 
 @inlined

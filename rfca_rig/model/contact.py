@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rfca_rig.model.bump import add_turn_of_normal, climbed, locate_on_bump, turn_to_bump, turn_ways
+from rfca_rig.model.bump import add_turn_of_normal, climbed, locate_on_bump, turn_ways
 from rfca_rig.model.call import call_law
 from rfca_rig.model.compiled import inlined
 from rfca_rig.model.laws import LOAD, NORMAL, SLIP
@@ -173,13 +173,14 @@ def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weig
             work.limit[0, k] = friction[0] * abs(normal[0])
             contact[0, k], contact[1, k] = normal[0], tangential[0]
             work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
-            cos, sin = turn_to_bump(chain, k, work)
-            turn_ways(k, cos, sin, work)
-            add_contact(chain, k, normal, tangential, w, weights, work, work.across, work.aside)
+            across, aside = work.down, work.along
+            frame_aside, frame_across = turn_to_floor(chain)
+            if chain.bump_height != 0.0:
+                across, aside = work.across, work.aside
+                frame_aside, frame_across = turn_ways(chain, k, frame_aside, frame_across, work)
+            add_contact(chain, k, normal, tangential, w, weights, work, across, aside)
             if w.size > place.shape[0]:
-                along_floor, into_floor = turn_to_floor(chain)
-                work.across[w.size - 1], work.aside[w.size - 1] = cos * into_floor + sin * along_floor, cos * along_floor - sin * into_floor
-                add_frame_contact(chain, k, normal, tangential, w, weights, work)
+                add_frame_contact(chain, k, normal, tangential, w, weights, work, across, aside, frame_across, frame_aside)
             if chain.bump_height != 0.0 and weights is not None:
                 add_turn_of_normal(chain, k, normal, tangential, w, weights[2], work)
 
@@ -220,10 +221,23 @@ def add_contact(
 
 
 @inlined
-def add_frame_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w: Floats, weights: Weights | None, work: Work) -> None:
-    """What the contact at the end of link k does to a frame that yields: that moves every end with it."""
+def add_frame_contact(
+    chain: Chain,
+    k: int,
+    normal: Normal,
+    tangential: Tangential,
+    w: Floats,
+    weights: Weights | None,
+    work: Work,
+    down: Floats,
+    along: Floats,
+    cos: float,
+    sin: float,
+) -> None:
+    """What the contact at the end of link k does to a frame that yields: that moves every end with it, by `cos` into the floor and `sin`
+    along it. `down` and `along` as in `add_contact`.
+    """
     R, J, b = work.R, work.J, w.size - 1
-    sin, cos = work.aside[b], work.across[b]
     N, N_delta, N_rate = normal
     F, F_s, F_v, F_N = tangential
     R[b] += N * cos - F * sin
@@ -236,10 +250,10 @@ def add_frame_contact(chain: Chain, k: int, normal: Normal, tangential: Tangenti
     arm = chain.lever - chain.lever_rise * work.place[k, 0]
     J[k, b] -= cq * F * chain.lever_rise * cos
     for j in range(k + 1):
-        along_j = work.aside[j] - (arm if j == k else 0.0)
-        J[j, b] += dN * work.across[j] - dF * along_j
-        dN_j = cq * (N_delta * work.across[j] + N_rate * work.aside[j] * w[j]) + cw * N_rate * work.across[j]
-        dF_j = cq * (F_s * along_j - F_v * work.across[j] * w[j]) + cw * F_v * along_j + F_N * dN_j
+        along_j = along[j] - (arm if j == k else 0.0)
+        J[j, b] += dN * down[j] - dF * along_j
+        dN_j = cq * (N_delta * down[j] + N_rate * along[j] * w[j]) + cw * N_rate * down[j]
+        dF_j = cq * (F_s * along_j - F_v * down[j] * w[j]) + cw * F_v * along_j + F_N * dN_j
         J[b, j] += dN_j * cos - dF_j * sin
 
 

@@ -100,6 +100,14 @@ def test_strokes_and_stages_are_counted_where_the_campaign_says_so(tmp_path: Pat
     assert {stage.strokes_before for stage in again.static} == {30}
 
 
+def test_two_strokes_that_count_alike_are_refused(tmp_path: Path):
+    campaign = copy_to(tmp_path)
+    for file in ("runs/dynamic-02.csv", "runs/dynamic-04.csv"):
+        edit(campaign / "campaign.toml", swap(f'file = "{file}"', f'file = "{file}"\nstrokes_before = 7'))
+    with pytest.raises(BadInput, match=r"campaign.toml:\d+: runs\[4\].strokes_before: 7 strokes were before runs\[2\] already; count each"):
+        read_campaign(campaign)
+
+
 def test_a_count_below_zero_is_refused(tmp_path: Path):
     campaign = copy_to(tmp_path)
     edit(campaign / "campaign.toml", swap('file = "runs/static.csv"', 'file = "runs/static.csv"\nstrokes_before = -1'))
