@@ -41,9 +41,10 @@ class DynamicRun(_Run):
 
 
 class StaticRun(_Run):
-    """A table of settled stages."""
+    """A table of settled stages. `held_s` is how long the shaft had stood in the middle of each reading; needed only where legs creep."""
 
     experiment: Literal["static"]
+    held_s: Positive | None = None
 
 
 Run = Annotated[DynamicRun | StaticRun, Field(discriminator="experiment")]

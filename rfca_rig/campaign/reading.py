@@ -46,7 +46,7 @@ def _strokes(folder: Path, campaign: CampaignFile, told: Watcher) -> tuple[Strok
 
 
 def _stages(folder: Path, campaign: CampaignFile) -> tuple[tuple[StaticStage, ...], dict[str, Extra]]:
-    tables = {run.file: read_stages(folder / run.file, run.strokes_before) for _, run in campaign.static()}
+    tables = {run.file: read_stages(folder / run.file, run.strokes_before, run.held_s) for _, run in campaign.static()}
     stages = tuple(stage for found, _ in tables.values() for stage in found)
     return stages, {file: extra for file, (_, extra) in tables.items() if extra}
 

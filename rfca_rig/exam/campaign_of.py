@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.exam.cases import Case
 from rfca_rig.exam.designs import Design
-from rfca_rig.exam.experiment import STAGES, Stage, static_table, stroke
+from rfca_rig.exam.experiment import HOLD_S, READ_S, STAGES, Stage, static_table, stroke
 from rfca_rig.exam.labels import columns_as_written, speed_as_written
 from rfca_rig.exam.rig_of import drawn_scatter, world_of
 from rfca_rig.exam.sensor import Noise
@@ -20,6 +20,7 @@ Floats = NDArray[np.float64]
 DIGITS = {"t_s": 4, "shaft_angle_rad": 5, "shaft_speed_rad_s": 4, "motor_torque_Nm": 3, "fx_N": 3, "fy_N": 3, "fz_N": 3}
 TORQUE_DIGITS = 4
 DYNAMIC = 'experiment = "dynamic"'
+HELD_S = HOLD_S - 0.5 * READ_S
 STATIC_RAMPS_S = (0.005, 0.012)  # how fast the shaft stops at a static stage is not written anywhere
 
 HEAD = """format = "rfca-campaign/1"
@@ -131,7 +132,7 @@ def _static(
     if not stages:
         return []
     (folder / "runs" / f"{name}.csv").write_text(_static_csv(stages, case.mislabelled), encoding="utf-8")
-    return [f'[[runs]]\nexperiment = "static"\nfile = "runs/{name}.csv"\nstrokes_before = {before}\n']
+    return [f'[[runs]]\nexperiment = "static"\nfile = "runs/{name}.csv"\nstrokes_before = {before}\nheld_s = {HELD_S:g}\n']
 
 
 def _entry(file: str, height_mm: float, speed: float, repeat: int, before: int) -> str:

@@ -63,7 +63,7 @@ class StaticStage:
 
     `settled` is None where the recording does not say. `hinge_std_deg` (6,), one standard deviation of each hinge angle, is NaN where
     unknown. `photo` and `overlay` are paths from the run's folder, `photo_doubts` what the photo did not tell; "" for none.
-    `strokes_before` as in `Stroke`.
+    `strokes_before` as in `Stroke`; `held_s` is how long the shaft had stood in the middle of the reading, None where that is not known.
     """
 
     height_m: float
@@ -81,6 +81,7 @@ class StaticStage:
     overlay: str = ""
     photo_doubts: str = ""
     strokes_before: int | None = None
+    held_s: float | None = None
 
     def __post_init__(self) -> None:
         if not self.hinge_std_deg:

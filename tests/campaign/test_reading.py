@@ -91,13 +91,13 @@ def test_strokes_and_stages_are_counted_where_the_campaign_says_so(tmp_path: Pat
     campaign = copy_to(tmp_path)
     assert {each.strokes_before for each in (*read_campaign(campaign).strokes, *read_campaign(campaign).static)} == {None}
     edit(campaign / "campaign.toml", swap('file = "runs/dynamic-02.csv"', 'file = "runs/dynamic-02.csv"\nstrokes_before = 7'))
-    edit(campaign / "campaign.toml", swap('file = "runs/static.csv"', 'file = "runs/static.csv"\nstrokes_before = 30'))
+    edit(campaign / "campaign.toml", swap('file = "runs/static.csv"', 'file = "runs/static.csv"\nstrokes_before = 30\nheld_s = 2.5'))
     found = read_campaign(campaign)
     assert [stroke.strokes_before for stroke in found.strokes] == [None, 7, None, None]
-    assert {stage.strokes_before for stage in found.static} == {30}
+    assert {(stage.strokes_before, stage.held_s) for stage in found.static} == {(30, 2.5)}
     again = read_recording(import_campaign(campaign, tmp_path / "imported"))
     assert [stroke.strokes_before for stroke in again.strokes] == [None, 7, None, None]
-    assert {stage.strokes_before for stage in again.static} == {30}
+    assert {(stage.strokes_before, stage.held_s) for stage in again.static} == {(30, 2.5)}
 
 
 def test_two_strokes_that_count_alike_are_refused(tmp_path: Path):

@@ -72,8 +72,13 @@ class StageTable:
         turned = tuple(stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages)
         settled = tuple(effect for effect in supposed.rig.effects if not _in_motion_only(effect))
         rig = replace(supposed.rig, swing=None, effects=settled)
-        held = _held(rig, self.height_m + supposed.height_offset_m, turned, self.moves, self.stages[0].strokes_before)
+        held = _held(rig, self.height_m + supposed.height_offset_m, turned, self._moves(), self.stages[0].strokes_before)
         return np.concatenate(held[: len(self.signals)])
+
+    def _moves(self) -> StageMoves:
+        """As the table says how long its stages were held, if it does."""
+        held = [stage.held_s for stage in self.stages if stage.held_s is not None]
+        return replace(self.moves, hold_s=float(np.mean(held))) if len(held) == len(self.stages) else self.moves
 
     def _measured(self) -> Floats:
         forces = [[getattr(stage, signal) for stage in self.stages] for signal in FORCES]
