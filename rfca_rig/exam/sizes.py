@@ -37,7 +37,7 @@ SPANS: Mapping[str, Mapping[str, Span]] = {
     "hinge_backlash": {"half_gap_deg": Span(0.05, 2.0)},
     "hinge_stop": {"angle_deg": Span(24.0, 18.0), "stiffness_Nm_per_rad": Span(10.0, 30.0)},
     "spring_hysteresis": {"strength_relative": Span(0.02, 0.5), "saturation_deg": Span(2.0, 12.0, free=True)},
-    "spring_relaxation": {"strength_relative": Span(0.02, 0.5), "time_constant_s": Span(0.03, 1.0, free=True)},
+    "spring_relaxation": {"strength_relative": Span(0.02, 0.5), "time_constant_s": Span(0.03, 3.0, free=True)},
     "damaged_hinge": {"stiffness_factor": Span(0.95, 0.5)},
     "stiffness_hardening": {"k2_per_rad2": Span(0.15, 2.5, either_sign=True, around=4.2)},
     "hinge_rest_angle": {"angle_deg": Span(0.8, 5.0, either_sign=True)},
