@@ -47,7 +47,7 @@ def counterparts(rig: RigModel, condition: Condition, shaft: Shaft) -> tuple[Cou
         speed_rad_s = float(np.mean([a.speed_rad_s for a in averages]))
         taken_from = " and ".join(sorted({a.taken_from for a in averages}))
     end_s = LONGER * max(_last_moment_s(stroke) for stroke in condition.strokes)
-    simulated = stroke_at_speed(rig, condition.height_m, speed_rad_s, _grid(end_s))
+    simulated = stroke_at_speed(rig, condition.height_m, speed_rad_s, _grid(end_s), strokes_before=condition.strokes_before)
     return (_counterpart(speed_rad_s, taken_from, simulated),)
 
 
@@ -55,7 +55,8 @@ def _following(rig: RigModel, condition: Condition, stroke: Stroke) -> Counterpa
     average = average_speed(stroke, rig.drive.ramp_s)
     motion = _recorded_motion(rig, stroke)
     end_s = min(float(motion.breaks_s[-1]), _last_moment_s(stroke))
-    simulated = stroke_following(rig, condition.height_m, motion, _grid(end_s))
+    before = () if stroke.strokes_before is None else (stroke.strokes_before,)
+    simulated = stroke_following(rig, condition.height_m, motion, _grid(end_s), strokes_before=before)
     return _counterpart(average.speed_rad_s, average.taken_from, simulated)
 
 

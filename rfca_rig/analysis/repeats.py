@@ -21,6 +21,12 @@ class Condition:
         """As in "215 mm, 2.433 rad/s"."""
         return f"{1e3 * self.height_m:g} mm, {self.speed_rad_s:g} rad/s"
 
+    @property
+    def strokes_before(self) -> tuple[int, ...]:
+        """How many strokes the leg had made before each of these; () where that is not known of all."""
+        known = tuple(stroke.strokes_before for stroke in self.strokes if stroke.strokes_before is not None)
+        return known if len(known) == len(self.strokes) else ()
+
 
 @dataclass(frozen=True)
 class Spread:

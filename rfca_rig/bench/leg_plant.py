@@ -10,7 +10,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import HELD, Tolerance, advance, at_rest, room_for
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.setup import set_up
+from rfca_rig.model.setup import resolved, set_up
 from rfca_rig.model.state import Chain, Laws, Shaft, State
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
 
@@ -57,6 +57,9 @@ class LegPlant:
         setup = set_up(self.rig, self.height_m, still)
         if setup.drive is not None or setup.sensor_changes or setup.motion is not still:
             raise BadInput("the twin has a drive and a sensor of its own; leave effects that act there out of its rig file")
+        for effect, _ in map(resolved, self.rig.effects):
+            if effect.needs_order:
+                raise BadInput(f"effect {effect.id}: the twin does not count its strokes; leave it out of its rig file")
         self._chain = setup.chain()
         self._laws = setup.compiled_laws(self._chain)
         self._state = at_rest(self._chain, shaft_angle_rad, self._laws)

@@ -30,7 +30,7 @@ def read_stroke(path: Path, run: DynamicRun) -> Stroke:
     _check_time(table, values[:, time])
     columns = {name: Column(np.ascontiguousarray(values[:, i]), unit_of(name)) for i, name in enumerate(table.names) if i != time}
     stream = Stream(np.ascontiguousarray(values[:, time]), columns)
-    return Stroke(run.height_mm / 1e3, run.speed_rad_s, run.repeat, {STREAM: stream})
+    return Stroke(run.height_mm / 1e3, run.speed_rad_s, run.repeat, {STREAM: stream}, run.strokes_before)
 
 
 def _check_names(table: Table) -> None:

@@ -12,7 +12,10 @@ FILE_NAME = "campaign.toml"
 
 
 class _Run(Section):
+    """`strokes_before` is how many strokes the leg had made in the campaign before this run; needed only to see what changes meanwhile."""
+
     file: Annotated[str, Field(min_length=1)]
+    strokes_before: Annotated[int, Field(ge=0)] | None = None
 
     @field_validator("file")
     @classmethod
@@ -38,9 +41,10 @@ class DynamicRun(_Run):
 
 
 class StaticRun(_Run):
-    """A table of settled stages."""
+    """A table of settled stages. `held_s` is how long the shaft had stood in the middle of each reading; needed only where legs creep."""
 
     experiment: Literal["static"]
+    held_s: Positive | None = None
 
 
 Run = Annotated[DynamicRun | StaticRun, Field(discriminator="experiment")]

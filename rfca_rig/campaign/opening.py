@@ -41,10 +41,11 @@ def _alone_among(paths: Sequence[Path], description: str, meaning: str) -> Path 
 def open_recordings(paths: Sequence[Path]) -> list[Recording]:
     """The recordings at `paths`, in their order.
 
-    Each is a folder with campaign.toml, a folder with run.h5 (also of a run that a crash left unfinished), or an .h5 file.
+    Each is a folder with campaign.toml, a folder with run.h5 (also of a run that a crash left unfinished), or an .h5 file. Strokes of a run
+    are counted in the order in which it made them.
     Raises BadInput for anything else.
     """
-    return [_open(path) for path in paths]
+    return [_open(path).with_order() for path in paths]
 
 
 def open_with_belief(paths: Sequence[Path]) -> list[Recording]:

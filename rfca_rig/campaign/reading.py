@@ -46,7 +46,7 @@ def _strokes(folder: Path, campaign: CampaignFile, told: Watcher) -> tuple[Strok
 
 
 def _stages(folder: Path, campaign: CampaignFile) -> tuple[tuple[StaticStage, ...], dict[str, Extra]]:
-    tables = {run.file: read_stages(folder / run.file) for _, run in campaign.static()}
+    tables = {run.file: read_stages(folder / run.file, run.strokes_before, run.held_s) for _, run in campaign.static()}
     stages = tuple(stage for found, _ in tables.values() for stage in found)
     return stages, {file: extra for file, (_, extra) in tables.items() if extra}
 
@@ -95,7 +95,13 @@ def _hint(folder: Path, campaign: CampaignFile, file: str) -> str:
 
 def _check_conditions(path: Path, campaign: CampaignFile) -> None:
     seen: dict[tuple[float, float, int], tuple[int, DynamicRun]] = {}
+    counted_at: dict[int, int] = {}
     for place, run in campaign.dynamic():
+        if run.strokes_before is not None:
+            first = counted_at.setdefault(run.strokes_before, place)
+            if first != place:
+                where = _entry(path.parent, place, "strokes_before")
+                raise BadInput(f"{where}: {run.strokes_before} strokes were before runs[{first + 1}] already; count each stroke once")
         key = (run.height_mm, run.speed_rad_s, run.repeat)
         if key in seen:
             before, other = seen[key]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -16,8 +17,8 @@ DIRECTIONS = ("loading", "unloading")
 Extra = dict[str, list[str]]
 
 
-def read_stages(path: Path) -> tuple[tuple[StaticStage, ...], Extra]:
-    """The stages in the file, in its order, and its extra columns as text by name.
+def read_stages(path: Path, strokes_before: int | None = None, held_s: float | None = None) -> tuple[tuple[StaticStage, ...], Extra]:
+    """The stages in the file, in its order, and its extra columns as text by name; `strokes_before` and `held_s` are those of all.
 
     Hinge columns may be absent; their angles are NaN then. Raises BadInput, naming file, line and column, for the first fault.
     """
@@ -26,7 +27,8 @@ def read_stages(path: Path) -> tuple[tuple[StaticStage, ...], Extra]:
         raise BadInput(f"{table.path}:1: {said}")
     lines = [dict(zip(table.names, cells, strict=True)) for cells in rows(table)]
     extra = {name: [cells[name] for cells in lines] for name in table.names if name not in STATIC}
-    return tuple(_stage(table, row, cells) for row, cells in enumerate(lines)), extra
+    stages = tuple(replace(_stage(table, row, cells), strokes_before=strokes_before, held_s=held_s) for row, cells in enumerate(lines))
+    return stages, extra
 
 
 def _stage(table: Table, row: int, cells: Mapping[str, str]) -> StaticStage:

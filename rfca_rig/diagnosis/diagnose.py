@@ -48,7 +48,8 @@ DRIVE_EFFECTS = (*SEEN_ON_THE_SHAFT, "shaft_compliance", "shaft_play")
 class PreparedData:
     """All that a diagnosis rests on: the model as believed, how well its values are known, and the recordings cut into conditions.
 
-    `as_commanded` says whether every shaft did what it was told, at once or later.
+    `as_commanded` says whether every shaft did what it was told, at once or later. `strokes_made` is how many strokes the leg has made in
+    all, None where their order is not known.
     """
 
     title: str
@@ -60,6 +61,7 @@ class PreparedData:
     as_commanded: bool
     coordinates: Parameterization
     remarks: tuple[str, ...]
+    strokes_made: int | None = None
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,22 @@ def prepare_data(recordings: Sequence[Recording]) -> tuple[PreparedData, tuple[S
         moves = infer_approach(tables, coordinates.supposed, np.zeros(coordinates.size))
         tables = tuple(replace(table, moves=moves) for table in tables)
     title = "; ".join(recording.title for recording in recordings)
-    return PreparedData(title, rig, known_to, noise_std, flaps, shafts, as_commanded, coordinates, remarks), tables
+    made = _strokes_made(recordings)
+    return PreparedData(title, rig, known_to, noise_std, flaps, shafts, as_commanded, coordinates, remarks, made), tables
+
+
+def _strokes_made(recordings: Sequence[Recording]) -> int | None:
+    """How many strokes were made up to the last; None where the order of strokes and stages is not known.
+
+    Two recordings count each for itself, and do not say which was first.
+    """
+    if len(recordings) != 1 or not recordings[0].strokes:
+        return None
+    (recording,) = recordings
+    made = [None if stroke.strokes_before is None else stroke.strokes_before + 1 for stroke in recording.strokes]
+    made += [stage.strokes_before for stage in recording.static]
+    known = [count for count in made if count is not None]
+    return max(known) if len(known) == len(made) else None
 
 
 def _before_start_s(conditions: Iterable[Condition]) -> float:
@@ -174,7 +191,8 @@ def _candidates(body: PreparedData) -> list[Effect]:
     judged_apart = SEEN_ON_THE_SHAFT if body.shafts else ()
     known = [effect for effect in catalogue().values() if effect.where != OF_PENDULUMS]
     has_curve = bool(body.rig.leg.torque_splines)
-    return [e for e in known if e.id not in believed and e.id not in judged_apart and not (e.needs_k2 and has_curve)]
+    left = [e for e in known if e.id not in believed and e.id not in judged_apart and not (e.needs_k2 and has_curve)]
+    return [e for e in left if body.strokes_made is not None or not e.needs_order]
 
 
 def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence[Effect], progress: Progress) -> ModelSelectionResult:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.exam.cases import Case
 from rfca_rig.exam.designs import Design
-from rfca_rig.exam.experiment import STAGES, Stage, static_table, stroke
+from rfca_rig.exam.experiment import HOLD_S, READ_S, STAGES, Stage, static_table, stroke
 from rfca_rig.exam.labels import columns_as_written, speed_as_written
 from rfca_rig.exam.rig_of import drawn_scatter, world_of
 from rfca_rig.exam.sensor import Noise
@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 
 DIGITS = {"t_s": 4, "shaft_angle_rad": 5, "shaft_speed_rad_s": 4, "motor_torque_Nm": 3, "fx_N": 3, "fy_N": 3, "fz_N": 3}
 TORQUE_DIGITS = 4
+DYNAMIC = 'experiment = "dynamic"'
+HELD_S = HOLD_S - 0.5 * READ_S
 STATIC_RAMPS_S = (0.005, 0.012)  # how fast the shaft stops at a static stage is not written anywhere
 
 HEAD = """format = "rfca-campaign/1"
@@ -65,7 +67,8 @@ def write_campaign(case: Case, folder: Path) -> None:
     """Writes the case's campaign into `folder`, which is made; nothing in it says what is concealed."""
     random = np.random.default_rng(case.seed)
     (folder / "runs").mkdir(parents=True)
-    entries = [*_strokes(case, folder, random), *_static(case, folder, random)]
+    strokes = _strokes(case, folder, random)
+    entries = [*strokes, *_static(case, folder, random, before=len(strokes))]
     (folder / "campaign.toml").write_text("\n".join([HEAD, *entries]), encoding="utf-8")
 
 
@@ -75,30 +78,35 @@ def add_experiment(case: Case, folder: Path, proposal: Mapping[str, Any], number
     `number` from 1 tells experiments on one rig apart, by name and in what differs from time to time.
     """
     random = np.random.default_rng([case.seed, number])
+    path = folder / "campaign.toml"
+    written = path.read_text(encoding="utf-8")
+    before = written.count(DYNAMIC)
     height_mm, name = float(proposal["height_mm"]), f"next-{number:02d}"
     if "speed_rad_s" in proposal:
         design = Design(((height_mm, float(proposal["speed_rad_s"])),), int(proposal["repeats"]), ())
-        entries = _strokes(replace(case, design=design), folder, random, f"{name}-dynamic")
+        entries = _strokes(replace(case, design=design), folder, random, f"{name}-dynamic", before)
     else:
         wanted = [(float(np.radians(stage["angle_deg"])), str(stage["direction"])) for stage in proposal["stages"]]
         design = Design((), 1, (height_mm,))
-        entries = _static(replace(case, design=design), folder, random, f"{name}-static", wanted)
-    path = folder / "campaign.toml"
-    path.write_text("\n".join([path.read_text(encoding="utf-8"), *entries]), encoding="utf-8")
+        entries = _static(replace(case, design=design), folder, random, f"{name}-static", wanted, before)
+    path.write_text("\n".join([written, *entries]), encoding="utf-8")
 
 
-def _strokes(case: Case, folder: Path, random: np.random.Generator, name: str = "dynamic") -> list[str]:
-    """Writes the strokes; returns their entries. The effect's size varies between conditions where the case says so."""
+def _strokes(case: Case, folder: Path, random: np.random.Generator, name: str = "dynamic", before: int = 0) -> list[str]:
+    """Writes the strokes, made after those `before`; returns their entries. The effect's size varies between conditions where the case
+    says so.
+    """
     entries: list[str] = []
     speeds = tuple(speed for _, speed in case.design.conditions)
     for height_mm, speed in case.design.conditions:
         stronger = _stronger(case, random)
         for repeat in range(1, case.design.repeats + 1):
-            world = world_of(case, 1e-3 * height_mm, drawn_scatter(random), repeat, stronger)
+            made = before + len(entries)
+            world = world_of(case, 1e-3 * height_mm, drawn_scatter(random), repeat, stronger, made)
             columns = columns_as_written(stroke(world, speed, Noise(), random), case.mislabelled)
             file = f"runs/{name}-{len(entries) + 1:02d}.csv"
             (folder / file).write_text(_csv(columns), encoding="utf-8")
-            entries.append(_entry(file, height_mm, speed_as_written(speed, speeds, case.mislabelled), repeat))
+            entries.append(_entry(file, height_mm, speed_as_written(speed, speeds, case.mislabelled), repeat, made))
     return entries
 
 
@@ -108,23 +116,28 @@ def _stronger(case: Case, random: np.random.Generator) -> float:
 
 
 def _static(
-    case: Case, folder: Path, random: np.random.Generator, name: str = "static", wanted: Sequence[tuple[float, str]] = STAGES
+    case: Case,
+    folder: Path,
+    random: np.random.Generator,
+    name: str = "static",
+    wanted: Sequence[tuple[float, str]] = STAGES,
+    before: int = 0,
 ) -> list[str]:
-    """Writes the static table, if there is one; returns its entry."""
+    """Writes the static table, if there is one, read after the strokes `before`; returns its entry."""
     stages: list[Stage] = []
     ramp_s = float(random.uniform(*STATIC_RAMPS_S))
     for height_mm in case.design.static_heights_mm:
-        world = world_of(case, 1e-3 * height_mm, drawn_scatter(random), 1, _stronger(case, random))
+        world = world_of(case, 1e-3 * height_mm, drawn_scatter(random), 1, _stronger(case, random), before)
         stages += static_table(world, height_mm, ramp_s, random, wanted)
     if not stages:
         return []
     (folder / "runs" / f"{name}.csv").write_text(_static_csv(stages, case.mislabelled), encoding="utf-8")
-    return [f'[[runs]]\nexperiment = "static"\nfile = "runs/{name}.csv"\n']
+    return [f'[[runs]]\nexperiment = "static"\nfile = "runs/{name}.csv"\nstrokes_before = {before}\nheld_s = {HELD_S:g}\n']
 
 
-def _entry(file: str, height_mm: float, speed: float, repeat: int) -> str:
-    condition = f"height_mm = {height_mm:.1f}\nspeed_rad_s = {float(speed)!r}\nrepeat = {repeat}\n"
-    return f'[[runs]]\nexperiment = "dynamic"\nfile = "{file}"\n{condition}'
+def _entry(file: str, height_mm: float, speed: float, repeat: int, before: int) -> str:
+    condition = f"height_mm = {height_mm:.1f}\nspeed_rad_s = {float(speed)!r}\nrepeat = {repeat}\nstrokes_before = {before}\n"
+    return f'[[runs]]\n{DYNAMIC}\nfile = "{file}"\n{condition}'
 
 
 def _csv(columns: dict[str, Floats]) -> str:

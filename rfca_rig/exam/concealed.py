@@ -3,6 +3,7 @@
 Ids and parameters are those of the catalogue; the laws are written anew, from what the catalogue says of each.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -212,6 +213,18 @@ def motor_cogging(world: World, values: Values) -> World:
     return replace(world, drive=replace(drive, cogging_Nm=values["torque_Nm"], cogging_cycles=values["cycles_per_turn"]))
 
 
+def ground_bump(world: World, values: Values) -> World:
+    height, at, width = (1e-3 * values[name] for name in ("height_mm", "at_mm", "width_mm"))
+    return replace(world, floor=replace(world.floor, bump_m=height, bump_at_m=at, bump_width_m=width))
+
+
+def stiffness_fading(world: World, values: Values) -> World:
+    """By the same share whenever the strokes made, this one among them, have become ten times as many."""
+    factor = 10.0 ** (math.log10(1.0 - values["loss_per_decade_relative"]) * math.log10(world.strokes_before + 1))
+    k0 = tuple(factor * each for each in world.hinges.k0_Nm_per_rad)
+    return replace(world, hinges=replace(world.hinges, k0_Nm_per_rad=k0))
+
+
 EFFECTS: Mapping[str, Callable[[World, Values], World]] = {
     effect.__name__: effect
     for effect in (
@@ -253,5 +266,7 @@ EFFECTS: Mapping[str, Callable[[World, Values], World]] = {
         shaft_play,
         motor_torque_limit,
         motor_cogging,
+        ground_bump,
+        stiffness_fading,
     )
 }

@@ -45,6 +45,7 @@ Floats = NDArray[np.float64]
 
 TYPICAL_DEPTH_M = 3e-3  # under the paper's loads; laws of other powers are compared there
 DRAGGED_FROM_N = 1.0  # a viscous share needs contact: an end that is hardly pressed is hardly dragged
+ROUNDS, FOUND_M = 40, 1e-12  # of the search for the point that is touched: a third of the error is left by each at most
 ELASTIC_SHARE = 0.7  # of the way to full friction that a straight line of the first slope would take
 
 
@@ -82,6 +83,20 @@ def elevation(floor: Floats, y: float) -> tuple[float, float]:
 
 
 @internal
+def touched_at(floor: Floats, radius: float, y: float, d: float) -> float:
+    """Where along the floor it is nearest to a circle that could touch it: there the circle's centre stands above on the floor's normal."""
+    at, up = y, floor[HEIGHT] - d
+    if floor[BUMP] == 0.0 or up > floor[SLOPE] * y + abs(floor[BUMP]) + 2.0 * radius:
+        return at
+    for _ in range(ROUNDS):
+        rise, slope = elevation(floor, at)
+        before, at = at, y + (up - rise) * slope
+        if abs(at - before) < FOUND_M:
+            break
+    return at
+
+
+@internal
 def less_lever(floor: Floats, depth: float) -> float:
     """How much higher than at its lowest point friction acts on a circle that is so deep."""
     if floor[LEVER_POWER] == 1.0:
@@ -95,10 +110,11 @@ def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: flo
     n = load.shape[1]
     for k in range(n):
         y, d = pose[Y, k + 1], pose[D, k + 1]
-        rise, slope = elevation(floor, y)
+        at = touched_at(floor, radius, y, d)
+        rise, slope = elevation(floor, at)
         cos = 1.0 / np.sqrt(1.0 + slope * slope)
         sin = slope * cos
-        depth = (d - floor[HEIGHT] + rise + floor[SHAKEN]) * cos + radius
+        depth = (d - floor[HEIGHT] + rise + slope * (y - at) + floor[SHAKEN]) * cos + radius
         if depth <= 0.0:
             if keep:
                 used[k] = 0.0

@@ -32,9 +32,11 @@ def drawn_scatter(random: np.random.Generator) -> Scatter:
     return Scatter(float(HEIGHT_M * x[0]), float(FRICTION * x[1]), float(START_RAD * x[2]))
 
 
-def world_of(case: Case, height_m: float, scatter: Scatter, repeat: int, stronger: float = 1.0) -> World:
-    """The real rig of a case in one repeat (from 1); effects that vary between conditions are `stronger` times as strong here."""
-    world = moved(believed_world(height_m), case.off)
+def world_of(case: Case, height_m: float, scatter: Scatter, repeat: int, stronger: float = 1.0, strokes_before: int = 0) -> World:
+    """The real rig of a case in one repeat (from 1), after `strokes_before` in the campaign; effects that vary between conditions are
+    `stronger` times as strong here.
+    """
+    world = replace(moved(believed_world(height_m), case.off), strokes_before=strokes_before)
     if case.structured is not None:
         world = distorted(world, case.structured)
     world = replace(world, drive=replace(world.drive, late_s=case.late_s))

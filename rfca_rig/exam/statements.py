@@ -32,7 +32,6 @@ STRANGERS: Mapping[str, tuple[str, str]] = {
     "friction_by_direction": ("floor_friction", "ground"),
     "sensor_curvature": ("sensor_scale", "sensor"),
     "stiffness_falls_with_repeats": ("hinge_stiffness", "hinges"),
-    "floor_bump": ("floor_geometry", "ground"),
     "sensor_play": ("sensor_scale", "sensor"),
     "sensor_creep": ("sensor_scale", "sensor"),
     "mains_hum": ("", "sensor"),

@@ -46,12 +46,6 @@ def sensor_curvature(world: World, values: Values) -> World:
     return replace(world, sensing=replace(world.sensing, curvature_per_N=values["per_N"]))
 
 
-def floor_bump(world: World, values: Values) -> World:
-    """A bump where the tip slides."""
-    height, at, width = (1e-3 * values[name] for name in ("height_mm", "at_mm", "width_mm"))
-    return replace(world, floor=replace(world.floor, bump_m=height, bump_at_m=at, bump_width_m=width))
-
-
 def sensor_play(world: World, values: Values) -> World:
     """A loop of fz, as of a mount that shifts under load."""
     return replace(world, sensing=replace(world.sensing, play_N=values["half_width_N"]))
@@ -118,7 +112,6 @@ STRANGERS: Mapping[str, Callable[[World, Values], World]] = {
         floor_magnet,
         friction_by_direction,
         sensor_curvature,
-        floor_bump,
         sensor_play,
         sensor_creep,
         mains_hum,

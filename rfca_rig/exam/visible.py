@@ -69,7 +69,8 @@ def size_of(case: Case) -> Size:
     """
     if case.mislabelled and really(believed_world(1.0), case.mislabelled) == believed_world(1.0):
         return Size(np.inf, np.inf, np.inf)
-    seen = [_seen(case, height_mm, speed) for height_mm, speed in dict.fromkeys((case.design.conditions[0], case.design.conditions[-1]))]
+    first, last = 0, len(case.design.conditions) - 1
+    seen = [_seen(case, number) for number in sorted({first, last})]
     shift, moves, forces = (np.concatenate(parts, axis=1) for parts in zip(*((s.shift, s.moves, s.forces) for s in seen), strict=True))
     noise, both = np.ones_like(forces), np.hypot(1.0, MODEL_ERROR * forces)
     return Size(_largest(shift), _left(seen, shift, moves, noise), _left(seen, shift, moves, both))
@@ -87,11 +88,14 @@ class _Seen:
     moved_by: Callable[[Floats], Floats]
 
 
-def _seen(case: Case, height_mm: float, speed: float) -> _Seen:
+def _seen(case: Case, number: int) -> _Seen:
+    """Of the last repeat of a condition."""
+    (height_mm, speed), repeats = case.design.conditions[number], case.design.repeats
+    before = (number + 1) * repeats - 1
     plain = replace(case, effects={}, strangers={}, uneven=None, mislabelled=None)
     world = world_of(plain, 1e-3 * height_mm, Scatter(), 1)
     base, until = _forces(world, speed, None)
-    concealed, _ = _forces(world_of(case, 1e-3 * height_mm, Scatter(), case.design.repeats), speed, until)
+    concealed, _ = _forces(world_of(case, 1e-3 * height_mm, Scatter(), repeats, strokes_before=before), speed, until)
 
     def moved_by(sigmas: Floats) -> Floats:
         return _forces(moved(world, sigmas_off(sigmas)), speed, until)[0] - base

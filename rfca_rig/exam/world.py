@@ -180,7 +180,7 @@ class Sensing:
 
 @dataclass(frozen=True)
 class World:
-    """One rig, as it really is during one stroke."""
+    """One rig, as it really is during one stroke; `strokes_before` it in the campaign."""
 
     links: Links
     hinges: Hinges
@@ -188,3 +188,4 @@ class World:
     drive: DriveOf
     mount: Mount
     sensing: Sensing = Sensing()
+    strokes_before: int = 0

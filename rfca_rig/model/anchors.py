@@ -7,8 +7,9 @@ therefore cut short right behind a turn, and the anchors are put where the end h
 
 import numpy as np
 
+from rfca_rig.model.bump import SLOPE, Y
 from rfca_rig.model.compiled import inlined
-from rfca_rig.model.contact import less_rolled, stretch_after, turn_to_floor
+from rfca_rig.model.contact import extra_way, stretch_after, turn_to_floor
 from rfca_rig.model.state import Chain, Floats, State, Work
 
 MISSED_SHARE = 0.02  # of the presliding: how far an end may go back unnoticed; that share of mu N is wrong for the step
@@ -45,8 +46,8 @@ def tie_anchors(chain: Chain, state: State, h: float, q: Floats, work: Work) -> 
     y = q[chain.length.size] * turn_to_floor(chain)[0] if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
-        less = less_rolled(chain, state, k, q, work)
-        s = y - chain.lever * q[k] + less
+        more = extra_way(chain, state, k, q, work)
+        s = y - chain.lever * q[k] + more
         depth, rate, slip, limit = work.place[k, 0], work.place[k, 1], work.place[k, 3], work.limit[1, k]
         stretch, back = s - state.anchor[k], went_back(chain, h, k, work)
         if back > 0.0:
@@ -60,7 +61,7 @@ def tie_anchors(chain: Chain, state: State, h: float, q: Floats, work: Work) -> 
         else:
             stretch = stretch_after(chain, k, stretch, limit, work)
         reach = chain.presliding if depth > 0.0 else 0.0
-        state.anchor[k] = s - min(max(stretch, -reach), reach) - less
+        state.anchor[k] = s - min(max(stretch, -reach), reach) - more
     note_ends(chain, state, q, work)
     for k in range(chain.length.size):
         work.limit[2, k] = work.limit[1, k]
@@ -74,4 +75,6 @@ def note_ends(chain: Chain, state: State, q: Floats, work: Work) -> None:
     for k in range(chain.length.size):
         y += work.down[k]
         work.ends[k, 0], work.ends[k, 1], work.ends[k, 3] = work.place[k, 0], work.place[k, 1], work.place[k, 3]
+        if chain.bump_height != 0.0:
+            work.ends[k, Y], work.ends[k, SLOPE] = work.place[k, Y], work.place[k, SLOPE]
         work.ends[k, 2] = y - chain.lever * q[k] - state.anchor[k]

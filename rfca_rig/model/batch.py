@@ -26,6 +26,7 @@ class Job:
     motion: ShaftMotion
     t_s: Floats
     tolerance: Tolerance | None = None
+    strokes_before: tuple[int, ...] = ()
 
 
 def strokes(jobs: Sequence[Job], threads: int | None = None) -> list[SimulatedStroke | SimulationFailed]:
@@ -50,6 +51,6 @@ def _in_turn(jobs: Sequence[Job]) -> list[SimulatedStroke | SimulationFailed]:
 
 def _stroke(job: Job) -> SimulatedStroke | SimulationFailed:
     try:
-        return stroke_following(job.rig, job.height_m, job.motion, job.t_s, job.tolerance)
+        return stroke_following(job.rig, job.height_m, job.motion, job.t_s, job.tolerance, job.strokes_before)
     except SimulationFailed as failed:
         return failed

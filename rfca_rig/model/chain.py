@@ -81,6 +81,9 @@ def chain_of(rig: RigModel, height_m: float) -> Chain:
         frame_down=1.0,
         frame_aside=0.0,
         shaft_friction=0.0,
+        bump_height=0.0,
+        bump_at=0.0,
+        bump_width=1.0,
     )
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rfca_rig.model.bump import add_turn_of_normal, climbed, locate_on_bump, turn_ways
 from rfca_rig.model.call import call_law
 from rfca_rig.model.compiled import inlined
 from rfca_rig.model.laws import LOAD, NORMAL, SLIP
@@ -101,14 +102,15 @@ def tangential_force(
 
 
 @inlined
-def less_rolled(chain: Chain, state: State, k: int, q: Floats, work: Work) -> float:
-    """By how much less than with the whole lever end k, located in `work`, has rolled since it was at `state` and as deep as `work.ends`
-    has it: second order in the step.
+def extra_way(chain: Chain, state: State, k: int, q: Floats, work: Work) -> float:
+    """The way of end k, located in `work`, since `state` and `work.ends`, beyond that along a level floor with the whole lever: second
+    order in the step. It has rolled less, and climbed a bump.
     """
-    if chain.lever_rise == 0.0:
-        return 0.0
-    depth = 0.5 * (max(work.ends[k, 0], 0.0) + max(work.place[k, 0], 0.0))
-    return float(chain.lever_rise * depth * (q[k] - state.q[k]))
+    way = 0.0
+    if chain.lever_rise != 0.0:
+        depth = 0.5 * (max(work.ends[k, 0], 0.0) + max(work.place[k, 0], 0.0))
+        way = float(chain.lever_rise * depth * (q[k] - state.q[k]))
+    return way + climbed(k, work) if chain.bump_height != 0.0 else way
 
 
 @inlined
@@ -134,8 +136,9 @@ def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) ->
         sink += down * w[k]
         slide += along * w[k]
         place[k, 0], place[k, 1] = depth + chain.radius - chain.ground_depth * chain.floor_cos, sink
-        place[k, 2] = y - chain.lever * q[k] + less_rolled(chain, state, k, q, work) - state.anchor[k]
-        place[k, 3] = slide - (chain.lever - chain.lever_rise * max(place[k, 0], 0.0)) * w[k]
+        run = slide if chain.bump_height == 0.0 else locate_on_bump(chain, k, y, slide, sink, work)
+        place[k, 2] = y - chain.lever * q[k] + extra_way(chain, state, k, q, work) - state.anchor[k]
+        place[k, 3] = run - (chain.lever - chain.lever_rise * max(place[k, 0], 0.0)) * w[k]
 
 
 @inlined
@@ -151,7 +154,7 @@ def add_contacts(chain: Chain, w: Floats, weights: Weights | None, work: Work) -
             work.limit[0, k] = chain.mu * normal[0]
             contact[0, k], contact[1, k] = normal[0], tangential[0]
             work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
-            add_contact(chain, k, normal, tangential, w, weights, work)
+            add_contact(chain, k, normal, tangential, w, weights, work, work.down, work.along)
 
 
 @inlined
@@ -170,17 +173,37 @@ def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weig
             work.limit[0, k] = friction[0] * abs(normal[0])
             contact[0, k], contact[1, k] = normal[0], tangential[0]
             work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
-            add_contact(chain, k, normal, tangential, w, weights, work)
+            across, aside = work.down, work.along
+            frame_aside, frame_across = turn_to_floor(chain)
+            if chain.bump_height != 0.0:
+                across, aside = work.across, work.aside
+                frame_aside, frame_across = turn_ways(chain, k, frame_aside, frame_across, work)
+            add_contact(chain, k, normal, tangential, w, weights, work, across, aside)
             if w.size > place.shape[0]:
-                add_frame_contact(chain, k, normal, tangential, w, weights, work)
+                add_frame_contact(chain, k, normal, tangential, w, weights, work, across, aside, frame_across, frame_aside)
+            if chain.bump_height != 0.0 and weights is not None:
+                add_turn_of_normal(chain, k, normal, tangential, w, weights[2], work)
 
 
 @inlined
-def add_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w: Floats, weights: Weights | None, work: Work) -> None:
-    """The contact at the end of link k, with its forces and their derivatives. Work of F: F (dY_k - arm dq_k), arm = l - rise delta."""
+def add_contact(
+    chain: Chain,
+    k: int,
+    normal: Normal,
+    tangential: Tangential,
+    w: Floats,
+    weights: Weights | None,
+    work: Work,
+    down: Floats,
+    along: Floats,
+) -> None:
+    """The contact at the end of link k, with its forces and their derivatives. Work of F: F (dY_k - arm dq_k), arm = l - rise delta.
+
+    `down` and `along` are how the end moves into and along the floor under it per radian of each link.
+    """
     N, N_delta, N_rate = normal
     F, F_s, F_v, F_N = tangential
-    R, J, down, along = work.R, work.J, work.down, work.along
+    R, J = work.R, work.J
     arm = chain.lever - chain.lever_rise * work.place[k, 0]
     for j in range(k + 1):
         R[j] += N * down[j] - F * (along[j] - (arm if j == k else 0.0))
@@ -198,9 +221,23 @@ def add_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w:
 
 
 @inlined
-def add_frame_contact(chain: Chain, k: int, normal: Normal, tangential: Tangential, w: Floats, weights: Weights | None, work: Work) -> None:
-    """What the contact at the end of link k does to a frame that yields: that moves every end with it."""
-    R, J, b, (sin, cos) = work.R, work.J, w.size - 1, turn_to_floor(chain)
+def add_frame_contact(
+    chain: Chain,
+    k: int,
+    normal: Normal,
+    tangential: Tangential,
+    w: Floats,
+    weights: Weights | None,
+    work: Work,
+    down: Floats,
+    along: Floats,
+    cos: float,
+    sin: float,
+) -> None:
+    """What the contact at the end of link k does to a frame that yields: that moves every end with it, by `cos` into the floor and `sin`
+    along it. `down` and `along` as in `add_contact`.
+    """
+    R, J, b = work.R, work.J, w.size - 1
     N, N_delta, N_rate = normal
     F, F_s, F_v, F_N = tangential
     R[b] += N * cos - F * sin
@@ -213,10 +250,10 @@ def add_frame_contact(chain: Chain, k: int, normal: Normal, tangential: Tangenti
     arm = chain.lever - chain.lever_rise * work.place[k, 0]
     J[k, b] -= cq * F * chain.lever_rise * cos
     for j in range(k + 1):
-        along_j = work.along[j] - (arm if j == k else 0.0)
-        J[j, b] += dN * work.down[j] - dF * along_j
-        dN_j = cq * (N_delta * work.down[j] + N_rate * work.along[j] * w[j]) + cw * N_rate * work.down[j]
-        dF_j = cq * (F_s * along_j - F_v * work.down[j] * w[j]) + cw * F_v * along_j + F_N * dN_j
+        along_j = along[j] - (arm if j == k else 0.0)
+        J[j, b] += dN * down[j] - dF * along_j
+        dN_j = cq * (N_delta * down[j] + N_rate * along[j] * w[j]) + cw * N_rate * down[j]
+        dF_j = cq * (F_s * along_j - F_v * down[j] * w[j]) + cw * F_v * along_j + F_N * dN_j
         J[b, j] += dN_j * cos - dF_j * sin
 
 
@@ -235,6 +272,6 @@ def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
     y = q[chain.length.size] * turn_to_floor(chain)[0] if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
-        less = less_rolled(chain, state, k, q, work)
-        s = y - chain.lever * q[k] + less
-        state.anchor[k] = s - stretch_after(chain, k, s - state.anchor[k], work.limit[0, k], work) - less
+        more = extra_way(chain, state, k, q, work)
+        s = y - chain.lever * q[k] + more
+        state.anchor[k] = s - stretch_after(chain, k, s - state.anchor[k], work.limit[0, k], work) - more

@@ -68,6 +68,7 @@ class Effect:
     the two apart.
     `variant_of` names the most general effect of which this one is a special case, as dry friction is of Stribeck's.
     `equal_limits` are those in which its law becomes that of another effect: a diagnosis then reports both as one set.
+    `needs_order`: its law counts the strokes that the leg has made before. It is looked for only where a recording says their order.
     `needs_k2`: its law is written in k0 and k2 of the spring, so that it has no meaning in a leg with a measured curve.
     """
 
@@ -83,6 +84,7 @@ class Effect:
     shape: tuple[Parameter, ...] = ()
     variant_of: str = ""
     needs_k2: bool = False
+    needs_order: bool = False
     equal_limits: tuple[EqualLimit, ...] = ()
 
     def __post_init__(self) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.model.bump import fill_distances
 from rfca_rig.model.state import Chain
 from rfca_rig.model.torque_spline import SplineTable
 
@@ -38,7 +39,11 @@ def springs_J(chain: Chain, q_rad: Floats) -> Floats:
 
 
 def floor_J(chain: Chain, q_rad: Floats) -> Floats:
-    """Hertz, 2/5 stiffness depth^2.5 under every link end."""
-    across = np.sin(q_rad) * chain.floor_cos - np.cos(q_rad) * chain.floor_sin
-    depth = np.cumsum(chain.length * across, axis=1) + chain.radius - chain.ground_depth * chain.floor_cos
+    """Hertz, 2/5 stiffness depth^2.5 under every link end, on a bump where there is one."""
+    sin, cos = np.sin(q_rad), np.cos(q_rad)
+    up = chain.ground_depth * chain.floor_cos - np.cumsum(chain.length * (sin * chain.floor_cos - cos * chain.floor_sin), axis=1)
+    if chain.bump_height != 0.0:
+        y = np.cumsum(chain.length * (cos * chain.floor_cos + sin * chain.floor_sin), axis=1)
+        fill_distances(chain, y, up.copy(), up)
+    depth = chain.radius - up
     return np.asarray(0.4 * chain.contact_stiffness * (np.maximum(depth, 0.0) ** 2.5).sum(axis=1))

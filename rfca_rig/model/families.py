@@ -44,9 +44,14 @@ FAMILIES = (
     ),
     Family(
         "hinge_stiffness",
-        "the torque of the hinges over their angle differs: play, stop, a softer hinge, another hardening or rest angle",
+        "the torque of the hinges over their angle differs: play, stop, a softer hinge, another hardening or rest angle, or fading",
         "hinges",
-        frozenset(("hinge_backlash", "hinge_stop", "damaged_hinge", "stiffness_hardening", "hinge_rest_angle", "hinge_rest_angle_of_one")),
+        frozenset(
+            (
+                *("hinge_backlash", "hinge_stop", "damaged_hinge", "stiffness_hardening", "stiffness_fading"),
+                *("hinge_rest_angle", "hinge_rest_angle_of_one"),
+            )
+        ),
     ),
     Family("leg_mass", "mass sits elsewhere on the leg", "tip", frozenset(("tip_mass", "heavier_link", "added_mass"))),
     Family("floor_friction", "floor friction differs, or is not constant", "ground", frozenset(("ground_stribeck", "contact_friction"))),
@@ -65,9 +70,9 @@ FAMILIES = (
     Family("floor_holds", "the floor holds the leg back when it leaves", "ground", frozenset(("ground_adhesion",))),
     Family(
         "floor_geometry",
-        "the floor is elsewhere than stated: height or slope",
+        "the floor is elsewhere than stated: height, slope or a bump",
         "ground",
-        frozenset(("height_offset", "ground_tilt", "prescribed_offset")),
+        frozenset(("height_offset", "ground_tilt", "ground_bump", "prescribed_offset")),
     ),
     Family("rig_tilt", "the rig is not plumb", "rig", frozenset(("gravity_tilt",))),
     Family("rig_yields", "the frame under the shaft yields", "rig", frozenset(("frame_compliance",))),

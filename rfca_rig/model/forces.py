@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rfca_rig.model.bump import turn_to_bump
 from rfca_rig.model.call import call_law
 from rfca_rig.model.compiled import compiled, inlined
 from rfca_rig.model.contact import add_contacts, add_contacts_with_effects, locate_ends
@@ -291,9 +292,15 @@ def measure(
         force[1] -= carried * chain.frame_down
     for i in range(chain.length.size):
         sin, cos, ww = work.sin[i], work.cos[i], w[i] * w[i]
-        N, F = work.contact[0, i], work.contact[1, i]
-        force[0] += chain.first_moment[i] * (-sin * a[i] - cos * ww) - F * chain.floor_cos - N * chain.floor_sin
-        force[1] -= chain.first_moment[i] * (cos * a[i] - sin * ww) + N * chain.floor_cos - F * chain.floor_sin
+        N, F, floor_cos, floor_sin = work.contact[0, i], work.contact[1, i], chain.floor_cos, chain.floor_sin
+        if laws is not None:
+            level_cos, level_sin = turn_to_bump(chain, i, work)
+            floor_cos, floor_sin = (
+                chain.floor_cos * level_cos + chain.floor_sin * level_sin,
+                chain.floor_sin * level_cos - chain.floor_cos * level_sin,
+            )
+        force[0] += chain.first_moment[i] * (-sin * a[i] - cos * ww) - F * floor_cos - N * floor_sin
+        force[1] -= chain.first_moment[i] * (cos * a[i] - sin * ww) + N * floor_cos - F * floor_sin
 
 
 @compiled

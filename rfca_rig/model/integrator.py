@@ -163,7 +163,8 @@ def integrate(
     too, it gives up. Returns (status, last step length, accepted steps, rejected steps).
     """
     landing = accepted = rejected = 0
-    sample = int(0)  # noqa: RUF046  (to the compiler a literal is a type of its own: it would make a second copy of what takes it)
+    # to the compiler a literal is a type of its own: it would make a second copy of what takes it
+    sample = int(0)  # noqa: RUF046, UP018
     jumped = True
     while t < t_end:
         if accepted + rejected >= most:

@@ -75,6 +75,8 @@ class Setup:
     """What is simulated. Effects replace what they change: `rig` and `height_m`, the `motion`, the finished `chain` through
     `chain_changes`, laws inside it (`laws_of_chain` are those that depend on what else has changed in it), the drive, what the sensor makes
     of it, or how what swings stands in the beginning. Only pendulums have `joint_readings`.
+
+    `strokes_before` are how many strokes the leg had made before, of each stroke whose mean is simulated; () where nobody counted.
     """
 
     rig: RigModel
@@ -87,6 +89,7 @@ class Setup:
     sensor_changes: tuple[Callable[[Felt], Felt], ...] = field(default=())
     begins: tuple[Callable[[Chain, State], None], ...] = ()
     joint_readings: JointReadings | None = None
+    strokes_before: tuple[int, ...] = ()
 
     def chain(self) -> Chain:
         """The chain with all changes."""
@@ -98,7 +101,7 @@ class Setup:
     def compiled_laws(self, chain: Chain) -> Laws | None:
         """The laws of effects as the compiled chain wants them; None for a plain chain."""
         laws = (*self.laws, *(law(chain) for law in self.laws_of_chain))
-        if not laws and chain.frame_mass == 0.0 and chain.shaft_friction == 0.0:
+        if not laws and chain.frame_mass == chain.shaft_friction == chain.bump_height == 0.0:
             return None
         for use in laws:
             check(use)
@@ -167,12 +170,12 @@ def softened(shaft: Shaft, drive: SoftDrive, start_rad: float) -> Shaft:
     )
 
 
-def set_up(rig: RigModel, height_m: float, motion: ShaftMotion) -> Setup:
-    """The setup of a rig with all its effects in it.
+def set_up(rig: RigModel, height_m: float, motion: ShaftMotion, strokes_before: tuple[int, ...] = ()) -> Setup:
+    """The setup of a rig with all its effects in it; `strokes_before` as in `Setup`.
 
     Raises BadInput for an effect that is not in the catalogue, and for one whose law needs k2 where the hinges follow a measured curve.
     """
-    setup = Setup(rig, height_m, motion)
+    setup = Setup(rig, height_m, motion, strokes_before=strokes_before)
     for present in rig.effects:
         effect, values = resolved(present)
         if effect.needs_k2 and rig.leg.torque_splines:

@@ -16,7 +16,7 @@ ABSURD_RAD_S2 = 1e15
 
 def room_to_work(coordinates: int, links: int) -> Work:
     """Scratch for a chain of so many links and coordinates."""
-    v, u = np.zeros((13, coordinates)), np.zeros((2, links))
+    v, u = np.zeros((15, coordinates)), np.zeros((2, links))
     stages, regimes, exchange = np.zeros((3, 4, coordinates)), np.zeros((2, 2, links)), np.zeros((2, 8))
     return Work(
         R=np.zeros(coordinates),
@@ -26,6 +26,8 @@ def room_to_work(coordinates: int, links: int) -> Work:
         cos=v[1],
         down=u[0],
         along=u[1],
+        across=v[12],
+        aside=v[13],
         arm=v[2],
         speed2=v[3],
         by_cos=v[4],
@@ -41,8 +43,8 @@ def room_to_work(coordinates: int, links: int) -> Work:
         base_w=v[11],
         contact=np.zeros((2, links)),
         force=np.zeros(3),
-        place=np.zeros((links, 4)),
-        ends=np.zeros((links, 4)),
+        place=np.zeros((links, 7)),
+        ends=np.zeros((links, 7)),
         limit=np.full((3, links), np.inf),
         regime=regimes[0],
         regime_of_J=regimes[1],

@@ -31,7 +31,7 @@ class Chain(NamedTuple):
     given. A frame that yields has `frame_mass` > 0 and is the coordinate behind the last link: its way along a line, on a
     spring with damping. `frame_down` and `frame_aside` are cosine and sine of the line's lean from down towards y. The share
     `frame_on_sensor` of its mass stands between sensor and shaft: the sensor feels its inertia.
-    `shaft_friction` drags against the turn of the shaft.
+    `shaft_friction` drags against the turn of the shaft. The floor has a bump of `bump_height`, at `bump_at` along it; see `bump`.
     """
 
     length: Floats
@@ -65,6 +65,9 @@ class Chain(NamedTuple):
     frame_down: float
     frame_aside: float
     shaft_friction: float
+    bump_height: float
+    bump_at: float
+    bump_width: float
 
 
 Weights = tuple[float, float, float]  # ca, cw, cq
@@ -136,12 +139,13 @@ class Work(NamedTuple):
     `J` holds its triangular factors with the row exchanges `pivot` once it is factored. `sin`, `cos` are those of the angles last
     assembled; `down`, `along` (n,) how every end beyond link j moves across and along
     the floor per radian of q_j; `arm` how the middle of a link moves across it per unit of each coordinate; `speed2`, `by_cos`,
-    `by_sin` what the coupling of links needs of each; `place` (n, 4) of each end its depth, sinking, stretch and slip; `regime` (2, n)
-    on which branch the law of each contact is, and the slope of the effects in each hinge, `regime_of_J` those at which J was
+    `by_sin` what the coupling of links needs of each; `place` (n, 7) of each end its depth, sinking, stretch and slip, and what
+    `bump` needs; `across`, `aside` (coordinates) are `down` and `along` over the floor that slopes under one end; `regime` (2, n) on
+    which branch the law of each contact is, and the slope of the effects in each hinge, `regime_of_J` those at which J was
     made; `outside` (2,) the force of the surroundings on the leg along y and down; `x` and `out` (8,) go to and from the laws of
     effects. `q`, `w`, `a` are those of the stage in work, `stage_w` and `stage_a` (4, coordinates) those of the step's stages;
-    `jerk` is what the last step says of the acceleration's change, and `ends` (n, 4) are depth, sinking, stretch and slip of the
-    ends where the step begins. `limit` (3, n) is the friction limit mu |N| of the ends: as last evaluated, at the end of the step, and
+    `jerk` is what the last step says of the acceleration's change, and `ends` (n, 7) is `place` where the step
+    begins. `limit` (3, n) is the friction limit mu |N| of the ends: as last evaluated, at the end of the step, and
     where it begins. An infinite one at the beginning says that the stretch alone tells what a tie carries.
     """
 
@@ -152,6 +156,8 @@ class Work(NamedTuple):
     cos: Floats
     down: Floats
     along: Floats
+    across: Floats
+    aside: Floats
     arm: Floats
     speed2: Floats
     by_cos: Floats

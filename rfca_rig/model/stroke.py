@@ -42,21 +42,34 @@ class SimulatedStroke:
         return self.q_rad[:, 0]
 
 
-def stroke_at_speed(rig: RigModel, height_m: float, speed_rad_s: float, t_s: Floats, tolerance: Tolerance | None = None) -> SimulatedStroke:
+def stroke_at_speed(
+    rig: RigModel,
+    height_m: float,
+    speed_rad_s: float,
+    t_s: Floats,
+    tolerance: Tolerance | None = None,
+    strokes_before: tuple[int, ...] = (),
+) -> SimulatedStroke:
     """The stroke with the shaft at constant speed after the drive's ramp, as the paper simulates it."""
     motion = ramp_to_speed(rig.leg.start_angle_rad, speed_rad_s, rig.drive.ramp_s, float(t_s[-1]))
-    return stroke_following(rig, height_m, motion, t_s, tolerance)
+    return stroke_following(rig, height_m, motion, t_s, tolerance, strokes_before)
 
 
 def stroke_following(
-    rig: RigModel, height_m: float, motion: ShaftMotion, t_s: Floats, tolerance: Tolerance | None = None
+    rig: RigModel,
+    height_m: float,
+    motion: ShaftMotion,
+    t_s: Floats,
+    tolerance: Tolerance | None = None,
+    strokes_before: tuple[int, ...] = (),
 ) -> SimulatedStroke:
     """The stroke with the shaft moving as given from t = 0, the leg at rest before unless the rig has it swinging.
 
     `t_s` (m,) ascending sample times; those up to the beginning show it as it is then. Third order in the step, error-controlled;
-    `tolerance` is per step. Raises SimulationFailed where the integrator cannot go on.
+    `tolerance` is per step. `strokes_before` are how many strokes the leg had made, of each stroke whose mean this is; () counts none.
+    Raises SimulationFailed where the integrator cannot go on.
     """
-    return stroke_of(set_up(rig, height_m, motion), t_s, tolerance)
+    return stroke_of(set_up(rig, height_m, motion, strokes_before), t_s, tolerance)
 
 
 def stroke_of(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None) -> SimulatedStroke:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -38,12 +38,16 @@ class Stream:
 
 @dataclass(frozen=True)
 class Stroke:
-    """One flap at one condition. Streams are named for their device: "shaft" and "force", or "table" where one file held all."""
+    """One flap at one condition. Streams are named for their device: "shaft" and "force", or "table" where one file held all.
+
+    `strokes_before` is how many strokes the leg had made before in this campaign, None where nobody counted.
+    """
 
     height_m: float
     speed_rad_s: float
     repeat: int
     streams: Mapping[str, Stream]
+    strokes_before: int | None = None
 
     def channel(self, name: str) -> tuple[Floats, Floats] | None:
         """(t_s, values) of a channel by its name in `channels`, or None where it was not recorded."""
@@ -59,6 +63,7 @@ class StaticStage:
 
     `settled` is None where the recording does not say. `hinge_std_deg` (6,), one standard deviation of each hinge angle, is NaN where
     unknown. `photo` and `overlay` are paths from the run's folder, `photo_doubts` what the photo did not tell; "" for none.
+    `strokes_before` as in `Stroke`; `held_s` is how long the shaft had stood in the middle of the reading, None where that is not known.
     """
 
     height_m: float
@@ -75,6 +80,8 @@ class StaticStage:
     photo: str = ""
     overlay: str = ""
     photo_doubts: str = ""
+    strokes_before: int | None = None
+    held_s: float | None = None
 
     def __post_init__(self) -> None:
         if not self.hinge_std_deg:
@@ -115,3 +122,9 @@ class Recording:
     static: tuple[StaticStage, ...]
     provenance: Mapping[str, str] = field(default_factory=dict)
     raw: tuple[RawStage, ...] = ()
+
+    def with_order(self) -> "Recording":
+        """The same with its strokes counted, where a rig or a twin recorded them: they stand in the order in which it made them."""
+        if self.source == "IMPORT":
+            return self
+        return replace(self, strokes=tuple(replace(stroke, strokes_before=before) for before, stroke in enumerate(self.strokes)))

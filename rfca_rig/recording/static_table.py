@@ -10,10 +10,11 @@ import numpy as np
 
 from rfca_rig.recording.columns import read_column, write_column
 from rfca_rig.recording.form import Column, Direction, StaticStage
-from rfca_rig.recording.strokes import height_mm
+from rfca_rig.recording.strokes import BEFORE, height_mm
 
 GROUP = "static"
 DIRECTION_BYTES = 16
+NOT_COUNTED = -1  # strokes before; older files have no such column, nor held_s
 
 _SETTLED = {None: -1, False: 0, True: 1}
 _TEXTS = ("photo", "overlay", "photo_doubts")  # utf-8; files from before there were cameras have none
@@ -46,6 +47,8 @@ def _columns(stages: Sequence[StaticStage]) -> dict[str, Column]:
         **{name: _floats(angles, "deg") for name, angles in zip(_hinge_std_names(hinges.shape[1]), stds.T, strict=True)},
         **{f"std_{name}": _floats([stage.std.get(name, math.nan) for stage in stages], "") for name in _std_names(stages)},
         "settled": Column(np.array([_SETTLED[stage.settled] for stage in stages], dtype=np.int8), ""),
+        "held_s": _floats([math.nan if stage.held_s is None else stage.held_s for stage in stages], "s"),
+        BEFORE: Column(np.array([NOT_COUNTED if s.strokes_before is None else s.strokes_before for s in stages], dtype=np.int64), ""),
     }
 
 
@@ -74,6 +77,7 @@ def read_static(parent: h5py.Group) -> tuple[StaticStage, ...]:
     std = json.loads(group.attrs["std"])
     believed = [name for name in _hinge_std_names(hinges) if name in group]
     names = ["height_mm", "stage", *_PLAIN, *_hinge_names(hinges), *believed, *(f"std_{name}" for name in std), "settled"]
+    names += [name for name in (BEFORE, "held_s") if name in group]
     columns = {name: read_column(group, name).raw.tolist() for name in names}
     texts = {name: [text.decode() for text in group[name][:].tolist()] for name in ("direction", *_TEXTS) if name in group}
     rows = zip(*columns.values(), *texts.values(), strict=True)
@@ -91,6 +95,8 @@ def _stage(row: dict[str, Any], hinges: int, std: Sequence[str]) -> StaticStage:
         hinge_std_deg=tuple(row.get(name, math.nan) for name in _hinge_std_names(hinges)),
         std={name: row[f"std_{name}"] for name in std if not math.isnan(row[f"std_{name}"])},
         settled=None if row["settled"] < 0 else bool(row["settled"]),
+        held_s=None if math.isnan(row.get("held_s", math.nan)) else row["held_s"],
+        strokes_before=None if row.get(BEFORE, NOT_COUNTED) == NOT_COUNTED else row[BEFORE],
         **{name: row[name] for name in _PLAIN},
         **{name: row.get(name, "") for name in _TEXTS},
     )

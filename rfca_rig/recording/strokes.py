@@ -17,6 +17,7 @@ from rfca_rig.recording.rows import ColumnForm, Rows, StreamForm
 
 GROUP = "strokes"
 TIME = "t_s"
+BEFORE = "strokes_before"  # an attribute of strokes that were counted
 _TIME_FORM = ColumnForm(TIME, "<f8", "s")
 
 
@@ -43,6 +44,8 @@ def read_strokes(parent: h5py.Group, source: Source) -> tuple[Stroke, ...]:
 def write_stroke(group: h5py.Group, stroke: Stroke, source: Source) -> None:
     """Fills an empty group with the stroke."""
     mark_stroke(group, stroke.height_m, stroke.speed_rad_s, stroke.repeat)
+    if stroke.strokes_before is not None:
+        group.attrs[BEFORE] = stroke.strokes_before
     write_streams(group, stroke.streams, source)
 
 
@@ -81,7 +84,8 @@ def read_stroke(group: h5py.Group, source: Source) -> Stroke:
     """The stroke in the group. Raises ValueError where one of its streams is not of the recording's source."""
     attributes = group.attrs
     height_m, speed_rad_s = float(attributes["height_mm"]) / 1e3, float(attributes["speed_rad_s"])
-    return Stroke(height_m, speed_rad_s, int(attributes["repeat"]), read_streams(group, source))
+    before = int(attributes[BEFORE]) if BEFORE in attributes else None
+    return Stroke(height_m, speed_rad_s, int(attributes["repeat"]), read_streams(group, source), before)
 
 
 def read_streams(group: h5py.Group, source: Source) -> dict[str, Stream]:

@@ -1,5 +1,6 @@
 """The plant's shape as a camera asks for it: absolute angles, positive downwards, of a leg that hangs still."""
 
+from dataclasses import replace
 from math import cos, pi
 from pathlib import Path
 
@@ -8,8 +9,16 @@ import pytest
 
 from rfca_rig.bench.leg_plant import LegPlant, Scatter
 from rfca_rig.description.rig_file import read_rig
+from rfca_rig.errors import BadInput
+from rfca_rig.model.parameters import PresentEffect
 
 RIG = read_rig(Path(__file__).parents[2] / "calibration" / "twin.toml").model()
+
+
+def test_a_twin_that_is_to_fade_is_refused_as_it_counts_no_strokes():
+    fading = PresentEffect("stiffness_fading", (("loss_per_decade_relative", 0.1),))
+    with pytest.raises(BadInput, match="effect stiffness_fading: the twin does not count its strokes"):
+        LegPlant(replace(RIG, effects=(fading,)), 0.5, 0.3, 1e-3, Scatter(), np.random.default_rng(1))
 
 
 def test_every_hinge_carries_the_weight_beyond_it():

@@ -6,8 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rfca_rig.campaign.importing import import_campaign
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.believed import believed_model
+from rfca_rig.errors import BadInput
+from rfca_rig.recording.store import read_recording
 from tests.campaign.small import SMALL, copy_to, edit, swap, with_column, without_column
 from tests.recording.same import assert_same
 
@@ -82,6 +85,34 @@ def test_extra_columns_are_kept_with_the_unit_their_name_ends_in(tmp_path: Path,
     column = read_campaign(campaign).strokes[0].streams["table"].columns[name]
     assert column.unit == unit
     assert (column.values == 21.5).all()
+
+
+def test_strokes_and_stages_are_counted_where_the_campaign_says_so(tmp_path: Path):
+    campaign = copy_to(tmp_path)
+    assert {each.strokes_before for each in (*read_campaign(campaign).strokes, *read_campaign(campaign).static)} == {None}
+    edit(campaign / "campaign.toml", swap('file = "runs/dynamic-02.csv"', 'file = "runs/dynamic-02.csv"\nstrokes_before = 7'))
+    edit(campaign / "campaign.toml", swap('file = "runs/static.csv"', 'file = "runs/static.csv"\nstrokes_before = 30\nheld_s = 2.5'))
+    found = read_campaign(campaign)
+    assert [stroke.strokes_before for stroke in found.strokes] == [None, 7, None, None]
+    assert {(stage.strokes_before, stage.held_s) for stage in found.static} == {(30, 2.5)}
+    again = read_recording(import_campaign(campaign, tmp_path / "imported"))
+    assert [stroke.strokes_before for stroke in again.strokes] == [None, 7, None, None]
+    assert {(stage.strokes_before, stage.held_s) for stage in again.static} == {(30, 2.5)}
+
+
+def test_two_strokes_that_count_alike_are_refused(tmp_path: Path):
+    campaign = copy_to(tmp_path)
+    for file in ("runs/dynamic-02.csv", "runs/dynamic-04.csv"):
+        edit(campaign / "campaign.toml", swap(f'file = "{file}"', f'file = "{file}"\nstrokes_before = 7'))
+    with pytest.raises(BadInput, match=r"campaign.toml:\d+: runs\[4\].strokes_before: 7 strokes were before runs\[2\] already; count each"):
+        read_campaign(campaign)
+
+
+def test_a_count_below_zero_is_refused(tmp_path: Path):
+    campaign = copy_to(tmp_path)
+    edit(campaign / "campaign.toml", swap('file = "runs/static.csv"', 'file = "runs/static.csv"\nstrokes_before = -1'))
+    with pytest.raises(BadInput, match=r"campaign.toml:.*strokes_before"):
+        read_campaign(campaign)
 
 
 def test_extra_static_columns_are_kept_as_written(tmp_path: Path):

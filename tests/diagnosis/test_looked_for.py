@@ -1,15 +1,26 @@
 """Effects that somebody knows are none."""
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
+from rfca_rig.diagnosis.diagnose import _candidates as candidates
+from rfca_rig.diagnosis.diagnose import prepare_data
+from rfca_rig.diagnosis.leg.stages import stage_tables
 from rfca_rig.errors import BadInput
 from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import POOR_DATA, drawn_cases
 from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.parameters import PresentEffect
+from rfca_rig.recording.form import Recording
+from tests.campaign.small import SMALL
 from tests.cli.typed import typed
+from tests.diagnosis.by_hand import RIG, flaps_of, recorded
 
 
 def test_all_are_looked_for_but_those():
@@ -17,6 +28,43 @@ def test_all_are_looked_for_but_those():
     assert set(catalogue()) - {effect.id for effect in kept} == {"tip_mass", "fluid_drag"}
     assert select_candidates(catalogue().values(), ()) == list(catalogue().values())
     assert describe_exclusions(()) == () and describe_exclusions(["tip_mass"]) == ("not looked for, as asked: tip_mass",)
+
+
+def counted(recording: Recording) -> Recording:
+    strokes = tuple(replace(stroke, strokes_before=before) for before, stroke in enumerate(recording.strokes))
+    return replace(recording, strokes=strokes, static=tuple(replace(stage, strokes_before=len(strokes)) for stage in recording.static))
+
+
+def is_looked_for(effect_id: str, *recordings: Recording) -> bool:
+    body, _ = prepare_data(recordings)
+    return effect_id in {effect.id for effect in candidates(body)}
+
+
+def test_what_changes_from_stroke_to_stroke_is_looked_for_only_where_their_order_is_known():
+    plain = read_campaign(SMALL)
+    known = counted(plain)
+    partly = replace(known, strokes=(*known.strokes[:-1], plain.strokes[-1]))
+    assert is_looked_for("stiffness_fading", known)
+    for unknown in ((plain,), (partly,), (replace(known, static=plain.static),), (known, known)):
+        assert not is_looked_for("stiffness_fading", *unknown)
+    assert is_looked_for("damaged_hinge", plain)
+
+
+def test_the_strokes_of_a_run_stand_in_the_order_in_which_it_made_them():
+    run = replace(read_campaign(SMALL), source="SIM").with_order()
+    assert [stroke.strokes_before for stroke in run.strokes] == [0, 1, 2, 3]
+
+
+def test_conditions_and_tables_are_simulated_after_the_strokes_before_them():
+    (flap,) = flaps_of([replace(recorded(RIG, [(215.0, 2.4)])[0], strokes_before=9)])
+    _, (table, *_) = prepare_data([counted(read_campaign(SMALL))])
+    fading = PresentEffect("stiffness_fading", (("loss_per_decade_relative", 0.2),))
+    for condition, before in [(flap, 9), (table, 4)]:
+        leg = replace(RIG.leg, k0_Nm_per_rad=RIG.leg.k0_Nm_per_rad * 0.8 ** np.log10(1.0 + before))
+        softer = condition.simulated(Supposed(replace(RIG, leg=leg)))
+        assert condition.simulated(Supposed(replace(RIG, effects=(fading,)))) == pytest.approx(softer, rel=1e-6, abs=1e-6)
+    later = [replace(stage, strokes_before=9) for stage in table.stages]
+    assert len(stage_tables([*table.stages, *later], {}, table.moves)) == 2
 
 
 def test_one_that_is_in_no_catalogue_is_refused_before_anything_is_read(monkeypatch, capsys, tmp_path):

@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.leg.stages import stage_tables
+from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.recording.form import StaticStage
+from tests.diagnosis.by_hand import RIG
 
 STAGES = [
     StaticStage(
@@ -27,6 +30,18 @@ STAGES = [
 @pytest.fixture
 def table():
     return stage_tables(STAGES, {}, StageMoves(1.0, 0.05))[0]
+
+
+def test_a_table_creeps_for_as_long_as_it_says_that_its_stages_were_held(table):
+    arm = PresentEffect("spring_relaxation", (("strength_relative", 0.3), ("time_constant_s", 2.0)))
+    creeping = Supposed(replace(RIG, effects=(arm,)))
+    pressed = tuple(replace(stage, shaft_angle_rad=stage.shaft_angle_rad + 1.2) for stage in table.stages)
+    table = replace(table, stages=pressed)
+    held = replace(table, stages=tuple(replace(stage, held_s=4.0) for stage in pressed))
+    assert held.simulated(creeping) == pytest.approx(replace(table, moves=replace(table.moves, hold_s=4.0)).simulated(creeping))
+    assert np.abs(held.simulated(creeping) - table.simulated(creeping)).max() > 0.5
+    partly = replace(table, stages=(held.stages[0], *table.stages[1:]))
+    assert partly.simulated(creeping) == pytest.approx(table.simulated(creeping))
 
 
 def test_a_shaft_that_stops_as_told_leaves_nothing_loose(table):

@@ -1,17 +1,22 @@
 """The exam's simulator and the package's model, which share no code, agree on what both know."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.exam.believed import BELOW_SHAFT_M, LENGTHS_M, MASSES_KG, RAMP_S, START_RAD, believed_world
 from rfca_rig.exam.concealed import EFFECTS, with_effect
-from rfca_rig.exam.experiment import stroke_traces
+from rfca_rig.exam.engine import RELEASED_S, simulate
+from rfca_rig.exam.experiment import HOLD_S, LOADING_RAD, MOVE_RAD_S, STEP_S, staged, stroke_traces
 from rfca_rig.exam.sensor import felt
-from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount, Swing
+from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, staged_motion
+from rfca_rig.model.stroke import stroke_at_speed, stroke_following
 
 HEIGHT_M, SPEED_RAD_S = 0.215, 2.433
+STROKES_BEFORE = 30
 
 VALUES = {
     "hinge_coulomb_friction": {"torque_Nm": 0.1},
@@ -51,6 +56,8 @@ VALUES = {
     "shaft_play": {"half_gap_deg": 1.0},
     "motor_torque_limit": {"limit_Nm": 6.8},
     "motor_cogging": {"torque_Nm": 0.5, "cycles_per_turn": 14.0},
+    "stiffness_fading": {"loss_per_decade_relative": 0.1},
+    "ground_bump": {"height_mm": 3.0, "at_mm": 80.0, "width_mm": 15.0},
     "sensor_crosstalk_matrix": {"fz_per_fy": 0.05, "fy_per_fz": -0.04, "tx_per_fy_mm": 2.0, "tx_per_fz_mm": -3.0},
 }
 
@@ -62,10 +69,10 @@ def rig(effect: str | None) -> RigModel:
 
 
 def both(effect: str | None):
-    world = believed_world(HEIGHT_M)
+    world = replace(believed_world(HEIGHT_M), strokes_before=STROKES_BEFORE)
     traces = stroke_traces(with_effect(world, effect, VALUES[effect]) if effect else world, SPEED_RAD_S)
     fy, fz, tx = felt(with_effect(world, effect, VALUES[effect]) if effect else world, traces)
-    model = stroke_at_speed(rig(effect), HEIGHT_M, SPEED_RAD_S, traces.t_s)
+    model = stroke_at_speed(rig(effect), HEIGHT_M, SPEED_RAD_S, traces.t_s, strokes_before=(STROKES_BEFORE,))
     return traces.t_s, (fy, fz, tx), (model.fy_N, model.fz_N, model.tx_Nm)
 
 
@@ -114,3 +121,19 @@ def test_static_stages_agree():
     hinges = np.array([np.array(a.hinge_deg) - np.degrees(b.hinge_angles_rad) for a, b in zip(mine, theirs, strict=True)])
     assert np.abs(off).max() < 0.25  # what the tip is thrown back by depends on how it sticks
     assert np.abs(hinges).max() < 0.5
+
+
+def test_an_arm_relaxes_alike_from_stage_to_stage(monkeypatch):
+    """On a floor without friction, which would hold the tip as it was thrown back; both legs are let go straight."""
+    monkeypatch.setitem(VALUES, "spring_relaxation", {"strength_relative": 0.3, "time_constant_s": 2.0})
+    smooth = believed_world(HEIGHT_M)
+    smooth = replace(smooth, floor=replace(smooth.floor, mu=0.0))
+    knots, read_s = staged(START_RAD, LOADING_RAD, 0.0075)
+    creeping = with_effect(smooth, "spring_relaxation", VALUES["spring_relaxation"])
+    mine, without = (felt(world, simulate(world, knots, read_s, step_s=STEP_S)) for world in (creeping, smooth))
+    let_go = replace(rig("spring_relaxation"), ground=Ground(1e5, 1.0, 0.0, 1e-4, 2.0), swing=Swing(-RELEASED_S, 1.0, 0.0))
+    motion, _ = staged_motion(START_RAD, LOADING_RAD, StageMoves(MOVE_RAD_S, 0.0075, HOLD_S - STILL_AFTER_S))
+    theirs = stroke_following(let_go, HEIGHT_M, motion, read_s)
+    assert np.abs(mine[1] - without[1]).max() > 2.0
+    assert mine[1] == pytest.approx(theirs.fz_N, abs=5e-3)
+    assert mine[2] == pytest.approx(theirs.tx_Nm, abs=1e-3)

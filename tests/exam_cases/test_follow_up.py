@@ -69,7 +69,7 @@ def test_a_static_proposal_is_done_in_its_own_stages(exam):
     folder, truths = exam(REVERSAL)
     follow_up(folder, naming(truths, 2, REVERSAL), Here())
     (recording,) = [read_campaign(folder / FOLDER / "case-0002-proposed" / "campaign")]
-    assert [round(stage.shaft_angle_rad, 2) for stage in recording.static] == [1.92, 1.92]
+    assert [stage.shaft_angle_rad for stage in recording.static] == pytest.approx([1.92, 1.92], abs=0.03)  # a soft drive sags
 
 
 def test_a_case_that_nothing_settles_counts_as_given_up(exam):

@@ -58,9 +58,9 @@ def claim(effect, p=0.95, parameters=None, like=()):
         (truth(kind=cases.NOTHING), Said("unexplained"), CAUTIOUS),
         (truth(kind=cases.NOTHING), named(claim("tip_mass")), WRONG),
         (truth(kind=cases.MODEL_ERROR, structured={}), Said("unexplained"), RIGHT),
-        (truth(kind=cases.STRANGER, strangers={"floor_bump": {}}), Said("unexplained"), RIGHT),
-        (truth(kind=cases.STRANGER, strangers={"floor_bump": {}}), Said("nothing missing"), SILENT),
-        (truth(kind=cases.STRANGER, strangers={"floor_bump": {}}), named(claim("tip_mass")), WRONG),
+        (truth(kind=cases.STRANGER, strangers={"shaking_floor": {}}), Said("unexplained"), RIGHT),
+        (truth(kind=cases.STRANGER, strangers={"shaking_floor": {}}), Said("nothing missing"), SILENT),
+        (truth(kind=cases.STRANGER, strangers={"shaking_floor": {}}), named(claim("tip_mass")), WRONG),
         (truth(kind=cases.MISLABEL, mislabelled="sign of fy"), Said("refused"), RIGHT),
         (truth(kind=cases.MISLABEL, mislabelled="heights", also_right=["height_offset"]), named(claim("height_offset")), RIGHT),
         (truth(kind=cases.MISLABEL, mislabelled="heights", also_right=["height_offset"]), named(claim("tip_mass")), WRONG),
@@ -92,7 +92,7 @@ def test_marks_of_a_small_exam():
         truth("d", cases.NOTHING),
         truth("e", cases.MODEL_ERROR, structured={}),
         truth("f", cases.PAIR, PLAY_AND_LAG),
-        truth("g", cases.STRANGER, strangers={"floor_bump": {}}),
+        truth("g", cases.STRANGER, strangers={"shaking_floor": {}}),
     ]
     said = {
         "a": Said("nothing missing"),

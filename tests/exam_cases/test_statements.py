@@ -74,10 +74,10 @@ def test_sizes_families_and_triples():
 
 
 def test_places_and_calibration():
-    bump, cord = (truth(kind=cases.STRANGER, strangers={name: {}}) for name in ("floor_bump", "tendon"))
+    shaking, cord = (truth(kind=cases.STRANGER, strangers={name: {}}) for name in ("shaking_floor", "tendon"))
     found = scored(
         (
-            bump,
+            shaking,
             stated(
                 grade="unexplained",
                 place="ground",

@@ -1,6 +1,7 @@
 """Cases as folders: readable by the package, the same each time, and silent about what they conceal."""
 
 import base64
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from rfca_rig.cli.lines import WIDTH
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam import cases
 from rfca_rig.exam.believed import OffBy
-from rfca_rig.exam.campaign_of import write_campaign
+from rfca_rig.exam.campaign_of import add_experiment, write_campaign
 from rfca_rig.exam.cases import Case, drawn_cases
 from rfca_rig.exam.concealed import EFFECTS
 from rfca_rig.exam.designs import Design
@@ -40,6 +41,16 @@ def test_the_package_reads_it(written):
     assert len(recording.strokes) == 4
     assert len(recording.static) == 8
     assert recording.strokes[0].channel("fz_N")[1].std() > 1.0
+
+
+def test_strokes_and_stages_are_counted_on_through_the_experiments_that_follow(written, tmp_path):
+    case, folder = written
+    longer = Path(shutil.copytree(folder, tmp_path / "longer"))
+    add_experiment(case, longer, {"height_mm": 225.0, "speed_rad_s": 2.5, "repeats": 2}, 1)
+    add_experiment(case, longer, {"height_mm": 225.0, "stages": [{"angle_deg": 90.0, "direction": "loading"}]}, 2)
+    recording = read_campaign(longer)
+    assert [stroke.strokes_before for stroke in recording.strokes] == [0, 1, 2, 3, 4, 5]
+    assert [stage.strokes_before for stage in recording.static] == [4] * 8 + [6]
 
 
 def test_it_is_the_same_again(written, tmp_path):

@@ -21,17 +21,23 @@ SAME_TURN_RAD = 5e-4  # what encoder noise of 1 mrad leaves after smoothing; mov
 
 @dataclass(frozen=True)
 class Turn:
-    """One stroke to simulate: height, and a recorded motion of the shaft, or, where that is None, a ramp to `speed_rad_s`."""
+    """One stroke to simulate: height, and a recorded motion of the shaft, or, where that is None, a ramp to `speed_rad_s`.
+
+    `strokes_before` are those before each stroke of the condition, as in `model.setup.Setup`.
+    """
 
     height_m: float
     speed_rad_s: float
     motion: ShaftMotion | None
     end_s: float
+    strokes_before: tuple[int, ...] = ()
 
     def simulated(self, supposed: Supposed) -> SimulatedStroke:
         """The stroke on a grid of half milliseconds from the start. Raises SimulationFailed."""
         t_s = GRID_S * np.arange(0, int(np.ceil(self.end_s / GRID_S)) + 2, dtype=np.float64)
-        return stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, self._motion(supposed), t_s)
+        return stroke_following(
+            supposed.rig, self.height_m + supposed.height_offset_m, self._motion(supposed), t_s, None, self.strokes_before
+        )
 
     def _motion(self, supposed: Supposed) -> ShaftMotion:
         if self.motion is None:
@@ -48,12 +54,13 @@ def turns_of(condition: Condition, shaft: Shaft, ramp_s: float, end_s: float) ->
     `shaft` as in `analysis.counterpart`. With "recorded", repeats whose smoothed turns differ by less than 0.5 mrad share the first
     one's; a stroke whose shaft angle was not recorded turns at its average speed.
     """
+    before = condition.strokes_before
     if shaft == "recorded":
-        return _distinct([_recorded(stroke, ramp_s, end_s) for stroke in condition.strokes])
+        return _distinct([replace(_recorded(stroke, ramp_s, end_s), strokes_before=before) for stroke in condition.strokes])
     speed_rad_s = condition.speed_rad_s
     if shaft == "average":
         speed_rad_s = float(np.mean([average_speed(stroke, ramp_s).speed_rad_s for stroke in condition.strokes]))
-    return (Turn(condition.height_m, speed_rad_s, None, end_s),), (0,) * len(condition.strokes)
+    return (Turn(condition.height_m, speed_rad_s, None, end_s, before),), (0,) * len(condition.strokes)
 
 
 def recorded_start_rad(strokes: Sequence[Stroke]) -> float | None:

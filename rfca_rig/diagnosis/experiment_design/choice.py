@@ -72,6 +72,8 @@ BENCH_TESTS = (
      "hang a known weight on the sensor along each axis and compare all channels"),
     ("tap test", 15.0, "sensor_lag sensor_ringing clock_offset sensor_clock_rate frame_compliance",
      "tap the sensor and its frame with the motor held, record fast: a lag rounds the tap, a clock only shifts it, a frame rings"),
+    ("straightedge", 10.0, "ground_bump",
+     "lay a straightedge over the plate along the way of the tip and measure the gaps with feeler gauges"),
     ("rest pose", 15.0, "gravity_tilt ground_tilt",
      "put a spirit level on rig and floor, and record the hanging leg at rest at three shaft angles"),
     ("zero before and after", 10.0, "sensor_drift", "record the sensor without load before and after a run"),

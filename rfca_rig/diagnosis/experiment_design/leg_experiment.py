@@ -138,7 +138,7 @@ def _flap_designs(
             apart = np.abs(np.array([(recorded[:, 0] - height_m) / ALIKE_M, np.log(recorded[:, 1] / speed_rad_s) / ALIKE_SPEED]))
             if 0.0 < speed_rad_s <= region.speed_rad_s and (apart.max(axis=0) >= 1.0).all():
                 distance = float(np.hypot(*apart).min(initial=np.inf))
-                yield distance, flap_design(height_m, speed_rad_s, region, start_rad, noise, shaft)
+                yield distance, flap_design(height_m, speed_rad_s, region, start_rad, noise, shaft, body.strokes_made)
 
 
 def flap_design(
@@ -148,8 +148,12 @@ def flap_design(
     start_rad: float | None,
     noise_std: Mapping[str, float],
     shaft: ShaftCondition | None = None,
+    strokes_made: int | None = None,
 ) -> Design:
-    """Strokes at a height and speed from a recorded start, if known, with the noise of one sample; with `shaft` its motion alone counts."""
+    """Strokes at a height and speed from a recorded start, if known, with the noise of one sample; with `shaft` its motion alone counts.
+
+    The leg has made `strokes_made` before, if anybody counted.
+    """
     settings = {"kind": "dynamic", "height_mm": round(1e3 * height_m, 3), "speed_rad_s": speed_rad_s}
     sweep_rad = float(np.radians(DYNAMIC["sweep_deg"]))
     back_s = (2.0 * np.pi - sweep_rad) / min(DYNAMIC["return_speed_rad_s"], speed_rad_s) + 0.5  # over the top; half a second to stop
@@ -158,11 +162,12 @@ def flap_design(
         turn = Turn(speed_rad_s, start_rad)
         before_s = 0.2 if at.rig.swing is None else min(0.2, at.rig.swing.before_s)  # recordings usually begin so long before the motion
         t_s = np.arange(-before_s, sweep_rad / speed_rad_s + 0.5 * at.rig.drive.ramp_s, 1e-3)
-        found = stroke_following(at.rig, height_m + at.height_offset_m, turn.motion(at, float(t_s[-1])), t_s, BOUNDED)
+        before = () if strokes_made is None else (strokes_made,)
+        found = stroke_following(at.rig, height_m + at.height_offset_m, turn.motion(at, float(t_s[-1])), t_s, BOUNDED, before)
         if not region.allows(_load_of(found)):
             return None
         table = Stream(t_s, {name: Column(getattr(found, name), "") for name in (*FORCES, SIGNAL)})
-        condition = Condition(height_m, speed_rad_s, (Stroke(height_m, speed_rad_s, 1, {"table": table}),))
+        condition = Condition(height_m, speed_rad_s, (Stroke(height_m, speed_rad_s, 1, {"table": table}, strokes_made),))
         flap = flap_condition(condition, noise_std, turn)
         if isinstance(flap, Refused) or shaft is None:
             return None if isinstance(flap, Refused) else flap
@@ -180,11 +185,16 @@ def _stage_designs(body: "PreparedData", tables: Sequence[StageTable], region: F
     free = [h for h in heights_m if all(abs(h - table.height_m) >= ALIKE_M for table in tables)]
     for kind in SEQUENCES:
         for height_m in sorted({free[0], free[len(free) // 2], free[-1]}) if free else ():
-            yield stage_design(kind, height_m, region, body.noise_std)
+            yield stage_design(kind, height_m, region, body.noise_std, body.strokes_made)
 
 
-def stage_design(kind: str, height_m: float, region: FeasibleRegion, noise_std: Mapping[str, float | None]) -> Design:
-    """A sequence of shaft angles to go through at one height; `noise_std` is that of one sample, where it is stated."""
+def stage_design(
+    kind: str, height_m: float, region: FeasibleRegion, noise_std: Mapping[str, float | None], strokes_made: int | None = None
+) -> Design:
+    """A sequence of shaft angles to go through at one height; `noise_std` is that of one sample, where it is stated.
+
+    The leg has made `strokes_made` before, if anybody counted.
+    """
     angles_deg = SEQUENCES[kind]
     ways = ["loading", *("unloading" if there < here else "loading" for here, there in pairwise(angles_deg))]
     stages = [{"angle_deg": deg, "direction": way} for deg, way in zip(angles_deg, ways, strict=True)]
@@ -197,7 +207,10 @@ def stage_design(kind: str, height_m: float, region: FeasibleRegion, noise_std: 
         plan = static_plan(sequence, RigFacts(start_rad, start_rad, settled.drive.ramp_s, no_limits, Rates(1e3, 1e3)))
         if not all(region.allows(load) for load in expected_loads(plan, settled).values()):
             return None  # the leg would wedge or press too hard on the way
-        empty = [StaticStage(height_m, n, way, angle_rad, (), 0.0, 0.0, 0.0) for n, (angle_rad, way) in enumerate(sequence.angles_rad, 1)]
+        empty = [
+            StaticStage(height_m, n, way, angle_rad, (), 0.0, 0.0, 0.0, strokes_before=strokes_made)
+            for n, (angle_rad, way) in enumerate(sequence.angles_rad, 1)
+        ]
         (table,) = stage_tables(empty, noise_std, StageMoves(STATIC["move_speed_rad_s"], 0.2, 1.0))  # a usual ramp, and at rest
         forces = table.simulated(at).reshape(len(FORCES), -1)
         return replace(table, stages=tuple(replace(s, **dict(zip(FORCES, f, strict=True))) for s, f in zip(empty, forces.T, strict=True)))

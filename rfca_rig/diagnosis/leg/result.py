@@ -147,7 +147,7 @@ def _valley(flap: FlapCondition, supposed: Supposed, commanded: bool) -> Valley 
     try:
         motion = turn.motion(supposed, float(t_s[-1]))
         known = t_s <= motion.breaks_s[-1]  # a recorded turn says nothing of the time after it
-        stroke = stroke_following(supposed.rig, flap.height_m + supposed.height_offset_m, motion, t_s[known], BOUNDED)
+        stroke = stroke_following(supposed.rig, flap.height_m + supposed.height_offset_m, motion, t_s[known], BOUNDED, flap.strokes_before)
     except SimulationFailed as error:
         return Refused(str(error))
     return find_valley(stroke.t_s, stroke.fz_N)

@@ -38,6 +38,7 @@ class ShaftCondition:
     start_rad: float
     sample_noise_rad: float
     repeats: Floats
+    strokes_before: tuple[int, ...] = ()
 
     def simulated(self, supposed: Supposed) -> Floats:
         """The model's turn less the commanded one, each from where it stands, (b,). Raises SimulationFailed.
@@ -47,7 +48,7 @@ class ShaftCondition:
         """
         motion = ramp_to_speed(self.start_rad, self.speed_rad_s, supposed.rig.drive.ramp_s, float(self.t_s[-1]))
         then_s = self.t_s - supposed.command_delay_s
-        setup = set_up(supposed.rig, self.height_m + supposed.height_offset_m, motion)
+        setup = set_up(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.strokes_before)
         if setup.drive is None:  # the leg does not act back on this shaft
             angle_rad = setup.motion.angle_rad(np.maximum(then_s, 0.0))
         else:
@@ -114,6 +115,7 @@ def shaft_condition(condition: Condition, end_s: float, ramp_s: float) -> ShaftC
         start_rad=float(angles[:, still].mean()),
         sample_noise_rad=max(noise, 1e-5),
         repeats=np.add.reduceat(away, first, axis=1) / counts,
+        strokes_before=condition.strokes_before,
     )
 
 

@@ -72,8 +72,13 @@ class StageTable:
         turned = tuple(stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages)
         settled = tuple(effect for effect in supposed.rig.effects if not _in_motion_only(effect))
         rig = replace(supposed.rig, swing=None, effects=settled)
-        held = _held(rig, self.height_m + supposed.height_offset_m, turned, self.moves)
+        held = _held(rig, self.height_m + supposed.height_offset_m, turned, self._moves(), self.stages[0].strokes_before)
         return np.concatenate(held[: len(self.signals)])
+
+    def _moves(self) -> StageMoves:
+        """As the table says how long its stages were held, if it does."""
+        held = [stage.held_s for stage in self.stages if stage.held_s is not None]
+        return replace(self.moves, hold_s=float(np.mean(held))) if len(held) == len(self.stages) else self.moves
 
     def _measured(self) -> Floats:
         forces = [[getattr(stage, signal) for stage in self.stages] for signal in FORCES]
@@ -118,22 +123,22 @@ def _in_motion_only(present: PresentEffect) -> bool:
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _held(rig: RigModel, height_m: float, turned_rad: tuple[float, ...], moves: StageMoves) -> Floats:
+def _held(rig: RigModel, height_m: float, turned_rad: tuple[float, ...], moves: StageMoves, strokes_before: int | None) -> Floats:
     """The three forces and all hinge angles of the model at these stages, (3 + hinges, stages).
 
     Remembered: what a hypothesis moves is often something that no settled reading shows, as a leg that swings in the beginning.
     """
     motion, read_s = staged_motion(rig.leg.start_angle_rad, turned_rad, moves)
-    held = stroke_following(rig, height_m, motion, read_s, CLOSE_ENOUGH)
+    held = stroke_following(rig, height_m, motion, read_s, CLOSE_ENOUGH, () if strokes_before is None else (strokes_before,))
     return np.array([held.fy_N, held.fz_N, held.tx_Nm, *np.degrees(np.diff(held.q_rad, axis=1)).T])
 
 
 def stage_tables(stages: Sequence[StaticStage], noise_std: Mapping[str, float | None], moves: StageMoves) -> tuple[StageTable, ...]:
-    """One table per height, in the order in which the stages were recorded."""
-    heights: dict[float, list[StaticStage]] = {}
+    """One table per height, and where strokes lie between, in the order in which the stages were recorded."""
+    tables: dict[tuple[float, int | None], list[StaticStage]] = {}
     for stage in stages:
-        heights.setdefault(round(stage.height_m, 4), []).append(stage)
-    return tuple(StageTable(height, tuple(table), moves, _noise(table, noise_std)) for height, table in heights.items())
+        tables.setdefault((round(stage.height_m, 4), stage.strokes_before), []).append(stage)
+    return tuple(StageTable(height, tuple(table), moves, _noise(table, noise_std)) for (height, _), table in tables.items())
 
 
 def _noise(stages: Sequence[StaticStage], noise_std: Mapping[str, float | None]) -> dict[str, float]:

@@ -62,7 +62,7 @@ class FlapCondition:
     """One condition of the dynamic experiment: mean over its repeats in bins, and how to simulate the same.
 
     `edges_s` (b + 1,) bound the bins, `t_s` (n,) are the samples within, `first` (b,) the sample each bin begins with.
-    `repeats` (r, 3 b) holds the binned signals of each stroke in the order of `signals`.
+    `repeats` (r, 3 b) holds the binned signals of each stroke in the order of `signals`; `strokes_before` of each as in `Condition`.
     """
 
     label: str
@@ -75,6 +75,7 @@ class FlapCondition:
     phases: StrokePhases
     sample_noise: Mapping[str, float]
     valley: Valley | Refused
+    strokes_before: tuple[int, ...] = ()
 
     def simulated(self, supposed: Supposed) -> Floats:
         """The model's rows (k b,), signal after signal. Raises SimulationFailed."""
@@ -91,7 +92,7 @@ class FlapCondition:
     def stroke(self, supposed: Supposed) -> SimulatedStroke:
         """The whole simulated stroke at the samples' times. Raises SimulationFailed."""
         motion = self.turn.motion(supposed, float(self.t_s[-1]))
-        return stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s, BOUNDED)
+        return stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s, BOUNDED, self.strokes_before)
 
     def _binned(self, values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, self.first) / self.counts)
@@ -145,7 +146,8 @@ def flap_condition(condition: Condition, noise_std: Mapping[str, float | None], 
     noise = {s: noise_std.get(s) or _noise(strokes, s) for s in signals}
     valleys = [v for stroke in strokes if not isinstance(v := stroke_valley(stroke), Refused)]
     valley = Valley(float(np.mean([v.time_s for v in valleys])), float(np.mean([v.fz_N for v in valleys])))
-    return FlapCondition(condition.label, condition.height_m, turn, time[inside], first, signals, repeats, phases, noise, valley)
+    before = replace(condition, strokes=tuple(strokes)).strokes_before
+    return FlapCondition(condition.label, condition.height_m, turn, time[inside], first, signals, repeats, phases, noise, valley, before)
 
 
 def turn_of(condition: Condition, follows_recorded: bool, late_s: float = 0.0) -> Turn:

@@ -138,7 +138,7 @@ def forced_stroke(
     Raises SimulationFailed where the integrator cannot go on.
     """
     told = flap.turn.motion(supposed, float(flap.t_s[-1])) if motion is None else motion
-    setup = set_up(supposed.rig, flap.height_m + supposed.height_offset_m, told)
+    setup = set_up(supposed.rig, flap.height_m + supposed.height_offset_m, told, flap.strokes_before)
     for change in changes:
         setup = change(setup)
     return stroke_of(setup, flap.t_s, BOUNDED)

@@ -23,8 +23,8 @@ def having(rig: RigModel, **effects: Named) -> RigModel:
 
 
 def paper_stroke(tolerance: Tolerance | None = None, **effects: Named) -> SimulatedStroke:
-    """The paper's stroke, contact and lift-off included."""
-    return stroke_at_speed(having(PAPER, **effects), 0.215, 2.433, T, tolerance)
+    """The paper's stroke, contact and lift-off included, after twenty others."""
+    return stroke_at_speed(having(PAPER, **effects), 0.215, 2.433, T, tolerance, strokes_before=(20,))
 
 
 def held(angle_rad: float) -> ShaftMotion:

@@ -26,6 +26,8 @@ PARAMETERS = {
     "ground_compliance": ("stiffness_N_per_m1p5",),
     "ground_exponent": ("exponent",),
     "ground_tilt": ("slope",),
+    "stiffness_fading": ("loss_per_decade_relative",),
+    "ground_bump": ("height_mm", "at_mm", "width_mm"),
     "ground_adhesion": ("force_N",),
     "motor_speed_droop": ("kp_Nm_s_per_rad", "ki_Nm_per_rad"),
     "motor_speed_ripple": ("amplitude_relative", "cycles_per_turn"),

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from rfca_rig.model.forces import assemble_once
+from rfca_rig.model.anchors import note_ends
+from rfca_rig.model.contact import locate_ends
+from rfca_rig.model.forces import assemble_once, begin
 from rfca_rig.model.setup import set_up
 from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import State
@@ -17,6 +19,7 @@ SWAYS = {"frame_compliance": FRAME["frame_compliance"] | {"lean_deg": 60.0}}
 TILT = {"ground_tilt": {"slope": 0.1}}
 ADHESION = {"ground_adhesion": {"force_N": 200.0}}
 STRIBECK = {"ground_stribeck": {"rise_relative": 1.0, "speed_m_s": 0.3}}
+BUMP = {"ground_bump": {"height_mm": 3.0, "at_mm": 60.0, "width_mm": 30.0}}
 LINE = {"ground_exponent": {"exponent": 1.0}}
 ONLY_IN_POSITION = (0.0, 0.0, 1.0)
 ONLY_IN_SPEED = (0.0, 1.0, 0.0)
@@ -41,6 +44,9 @@ def assembled(effects, weights, shift=None):
     memory = np.zeros((laws.place.size, 7, 4))
     memory[:, 1:, 0], memory[:, 1:, 1] = random.uniform(-0.05, 0.2, 6), random.uniform(-0.1, 0.2, 6)
     state, work = State(q, w, a, anchor, memory), room_to_work(q.size, 7)
+    begin(chain, q, work)
+    locate_ends(chain, state, q, w, work)
+    note_ends(chain, state, q, work)
     s = np.zeros(q.size) if shift is None else shift
     moved = (q + weights[2] * s, w + weights[1] * s, a + weights[0] * s)
     assemble_once(chain, laws, state, 0.01, *moved, weights, work)
@@ -71,6 +77,8 @@ def differenced(effects, weights):
         SWAYS | TILT,
         FRAME | TILT | ADHESION | STRIBECK,
         LINE | TILT | STRIBECK,
+        BUMP,
+        SWAYS | TILT | BUMP | STRIBECK,
         {"hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": 0.3}},
         {"heavier_link": {"link": 3.0, "mass_factor": 3.0}} | FRAME,
     ],

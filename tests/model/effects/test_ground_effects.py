@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rfca_rig.model.bump import elevation, find_nearest
+from rfca_rig.model.chain import advance, at_rest, room_for
+from rfca_rig.model.energy import mechanical_energy_J
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import Ground
 from rfca_rig.model.setup import set_up
 from rfca_rig.model.stroke import stroke_following
-from tests.model.effects.rigs import T, Tolerance, having, held, paper_stroke, through
+from tests.model.effects.rigs import TIGHT, T, Tolerance, having, held, paper_stroke, through
 from tests.model.legs import PAPER, pendulum
 
 STIFF = replace(pendulum(1, 0.3, 0.2), ground=Ground(1e5, 0.0, 0.0, 3e4, 0.0))  # one rigid link: the shaft says where its end is
@@ -116,6 +119,70 @@ def test_friction_falls_with_sliding_speed_as_the_law_says():
     mu = 0.41 * (1 + 0.3 * np.exp(-np.abs(slip) / 0.4))
     assert stroke.tangential_N[sliding, -1] == pytest.approx((mu * stroke.normal_N[:, -1] - 2.0 * slip)[sliding], abs=0.02)
     assert np.ptp(mu[sliding]) > 0.005
+
+
+def chain_on_bump(rig, height_m, **values):
+    return set_up(having(rig, ground_bump=values), height_m, held(0.0)).chain()
+
+
+@pytest.mark.parametrize("height_mm", [4.0, -4.0])
+def test_an_end_is_as_far_from_a_bump_as_its_nearest_point_and_the_normal_is_the_slope_of_that_distance(height_mm):
+    chain = chain_on_bump(PAPER, 0.2, height_mm=height_mm, at_mm=80.0, width_mm=12.0)
+    floor = np.linspace(0.03, 0.13, 200001)
+    profile = 1e-3 * height_mm * np.exp(-(((floor - 0.08) / 0.012) ** 2))
+    for y, over in [(0.08, 1e-3), (0.075, 2e-3), (0.088, -1e-3), (0.1, 1e-3)]:
+        up = elevation(chain, y)[0] + over
+        distance, slope, turn = find_nearest(chain, y, up)
+        assert abs(distance) == pytest.approx(np.hypot(floor - y, profile - up).min(), abs=1e-9)
+        assert np.sign(distance) == np.sign(over)
+        cos, step = 1.0 / np.hypot(1.0, slope), 1e-7
+        along, higher = (find_nearest(chain, y + step, up), find_nearest(chain, y, up + step))
+        assert ((along[0] - distance) / step, (higher[0] - distance) / step) == pytest.approx((-slope * cos, cos), abs=1e-4)
+        on_normal = find_nearest(chain, y + step * cos, up + step * cos * slope)
+        assert (np.arctan(on_normal[1]) - np.arctan(slope)) / step == pytest.approx(turn, rel=1e-3, abs=1e-3)
+
+
+def test_a_rigid_link_on_the_flank_of_a_bump_is_pushed_along_its_normal():
+    angle, values = 0.8, {"height_mm": 3.0, "at_mm": 200.0, "width_mm": 15.0}
+    y, up = 0.3 * np.cos(angle), 1.5e-3
+    height = 0.3 * np.sin(angle) + up
+    distance, slope, _ = find_nearest(chain_on_bump(STIFF, height, **values), y, up)
+    stroke = stroke_following(having(STIFF, ground_bump=values), height, held(angle), np.array([-0.1, 0.0, 0.1]))
+    normal = 1e5 * (STIFF.leg.link_radius_m - distance) ** 1.5
+    assert abs(slope) > 0.1 and normal > 1.0
+    assert stroke.normal_N[:, 0] == pytest.approx(normal, rel=1e-9)
+    assert stroke.fz_N == pytest.approx(0.2 * 9.81 - normal / np.hypot(1.0, slope), rel=1e-9)
+    assert stroke.fy_N == pytest.approx(normal * slope / np.hypot(1.0, slope), rel=1e-9)
+
+
+@pytest.mark.parametrize(("friction", "height_mm"), [(0.0, 4.0), (0.0, -4.0), (0.1, 4.0)])
+def test_a_leg_that_bounces_on_a_bump_keeps_its_energy_and_loses_some_by_friction(friction, height_mm):
+    """The leg falls from straight onto the flank, where its tip goes to and fro; all that damps is taken out."""
+    leg = replace(PAPER.leg, hinge_damping_Nm_s_per_rad=0.0)
+    rig = replace(PAPER, leg=leg, ground=Ground(2e4, 0.0, friction, 1e-4, 0.0))
+    setup = set_up(having(rig, ground_bump={"height_mm": height_mm, "at_mm": 160.0, "width_mm": 10.0}), 0.235, held(1.1))
+    chain, t = setup.chain(), np.linspace(0.01, 1.0, 100)
+    laws = setup.compiled_laws(chain)
+    state = at_rest(chain._replace(ground_depth=1.0), 1.1, laws)
+    state.q[:] = 1.1 - np.linspace(0.0, 0.3, 7)
+    begin = mechanical_energy_J(chain, state.q[None], state.w[None])[0]
+    samples = room_for(t, 7)
+    advance(chain, setup.motion.shaft(), state, (0.0, 1.0), 1e-6, TIGHT, samples, laws)
+    y = np.cumsum(chain.length * np.cos(samples.q), axis=1)[:, -1]
+    touching = samples.contact[:, 0, -1] > 0.0
+    assert touching.sum() > 5 and np.ptp(y[touching]) > 2e-3
+    energy = mechanical_energy_J(chain, samples.q, samples.w) - begin
+    if friction == 0.0:
+        assert np.abs(energy).max() < 2e-5
+    else:  # what a stretched tie holds is not counted: friction over half its reach
+        held_J = 0.5 * friction * samples.contact[:, 0, -1].max() * 1e-4
+        assert energy[-1] < -1e-3 and np.diff(energy).max() < held_J
+
+
+def test_a_bump_much_wider_than_the_way_is_a_lower_rack():
+    wide = paper_stroke(FINE, ground_bump={"height_mm": 2.0, "at_mm": 0.0, "width_mm": 1e5})
+    lower = paper_stroke(FINE, height_offset={"offset_mm": -2.0})
+    assert wide.fz_N == pytest.approx(lower.fz_N, abs=5e-3)
 
 
 def test_a_rack_that_stands_higher_is_the_stroke_from_there():

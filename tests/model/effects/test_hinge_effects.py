@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from rfca_rig.model.chain import advance, room_for
 from rfca_rig.model.parameters import Ground
 from rfca_rig.model.setup import set_up
-from rfca_rig.model.stroke import stroke_following
+from rfca_rig.model.stroke import stroke_at_speed, stroke_following
 from tests.model.effects.rigs import NO_GROUND_M, TIGHT, having, held, released, resting, through
 from tests.model.legs import PAPER, pendulum
 
@@ -206,3 +206,12 @@ def bent_at_rest(effects):
     advance(chain, setup.motion.shaft(), state, (0.0, 0.5), 1e-4, TIGHT, samples, setup.compiled_laws(chain))
     assert np.diff(samples.q[-1]) == pytest.approx(rest, abs=2e-6)
     return rest
+
+
+@pytest.mark.parametrize(("before", "factor"), [((), 1.0), ((0,), 1.0), ((9,), 0.8), ((99,), 0.64), ((0, 9), 0.9)])
+def test_a_leg_that_fades_is_a_softer_one_after_ten_strokes_and_again_after_a_hundred(before, factor):
+    t = np.arange(0, 660, 5) * 1e-3
+    fading = having(PAPER, stiffness_fading={"loss_per_decade_relative": 0.2})
+    softer = replace(PAPER, leg=replace(PAPER.leg, k0_Nm_per_rad=factor * PAPER.leg.k0_Nm_per_rad))
+    found = stroke_at_speed(fading, 0.215, 2.433, t, strokes_before=before)
+    assert found.fz_N == pytest.approx(stroke_at_speed(softer, 0.215, 2.433, t).fz_N, abs=1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.model.static_stages import StageMoves, static_stages
+from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, static_stages
 from rfca_rig.model.static_state import Touch
 from rfca_rig.model.statics import tip_chain_of, tip_jacobian, weight_torques_Nm
 from tests.model.effects.rigs import having
@@ -91,6 +91,16 @@ def test_a_stop_does_nothing_until_a_hinge_comes_to_it_and_then_carries_the_rest
     phi = with_stop[2].hinge_angles_rad
     stopped = np.sign(phi) * stiffness * np.maximum(np.abs(phi) - limit, 0.0)
     assert spring(phi) + stopped == pytest.approx(carried(with_stop[2]), abs=2e-3)
+
+
+def test_a_stage_that_is_held_creeps_as_slowly_as_its_arm_relaxes():
+    """Read at every hold of one angle. The arm is soft, so that the spring beside it slows the creep by its share at most."""
+    strength, tau, apart = 0.1, 2.0, MOVES.hold_s + STILL_AFTER_S
+    arm = {"spring_relaxation": {"strength_relative": strength, "time_constant_s": tau}}
+    first, second, third = (state.fz_N for state in stages(SMOOTH, np.radians([100.0] * 3), **arm))
+    without, later, _ = (state.fz_N for state in stages(SMOOTH, np.radians([100.0] * 3)))
+    assert first < second - 0.1 and later == pytest.approx(without, abs=5e-3)
+    assert np.exp(-apart / tau) - 1e-3 < (third - second) / (second - first) < np.exp(-apart / (tau * (1.0 + strength))) + 1e-3
 
 
 def test_a_higher_rack_is_a_height_offset(plain):
