@@ -157,6 +157,7 @@ def static_stage_of(stage: Hold, recorded: Recorded, scale: SensorScale) -> Stat
         std={name: float(values.std(ddof=1)) for name, values in channels.items()},
         settled=recorded.settled,
         photo_doubts=recorded.photo_fault,
+        held_s=recorded.stood_s + 0.5 * stage.timing.average_s,
     )
 
 

@@ -14,7 +14,8 @@ from rfca_rig.protocol.plan import Approach, Flap, Hold
 
 @dataclass(frozen=True)
 class Recorded:
-    """What a stage recorded, as the devices gave it. `start_s` is the host time of the commanded start.
+    """What a stage recorded, as the devices gave it. `start_s` is the host time of the commanded start, before which the shaft had stood
+    for `stood_s`.
 
     `turns_rad` is what to take off the continuous shaft angle to be within one turn of the stage's own angles. `photo_fault` says why
     a photo that was to be taken is not there.
@@ -27,6 +28,7 @@ class Recorded:
     settled: bool
     photo: Photo | None = None
     photo_fault: str = ""
+    stood_s: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,7 @@ def _ticks(loop: Loop, count: int) -> Iterator[int]:
 
 def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None) -> Recorded:
     """Waits until settled and for the dwell, then records for the averaging time while the photo is taken; the shaft is held all along."""
-    target_rad, timing = loop.target_rad, stage.timing
+    target_rad, timing, stopped_s = loop.target_rad, stage.timing, loop.now_s
     settled = settle(loop, target_rad, stage.settle)
     _stand(loop, target_rad, timing.dwell_s)
     start_s = loop.now_s
@@ -99,7 +99,7 @@ def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None
     shaft = tap.shaft()
     if not len(shaft.angle_rad):
         raise Tripped(Trip.ENCODER_SILENT, f"no report of the shaft's angle in the {timing.average_s:g} s of {stage.label}")
-    return Recorded(shaft, tap.force(), start_s, turns_rad, settled.reached, exposure.photo, exposure.fault)
+    return Recorded(shaft, tap.force(), start_s, turns_rad, settled.reached, exposure.photo, exposure.fault, start_s - stopped_s)
 
 
 def _stand(loop: Loop, target_rad: float, duration_s: float) -> None:

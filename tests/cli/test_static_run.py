@@ -123,6 +123,7 @@ def test_a_rig_without_a_camera_measures_forces_as_ever(here, monkeypatch, capsy
     (stage,) = read_recording(folder / "run.h5").static
     assert np.isnan(stage.hinge_deg).all()
     assert (stage.photo, stage.photo_doubts, stage.settled) == ("", "", True)
+    assert 0.1 < stage.held_s < 10.0
 
 
 def test_a_protocol_may_do_without_photos(here, monkeypatch, capsys):

@@ -145,11 +145,14 @@ def test_without_a_camera_or_without_the_wish_no_photo_is_asked_for(tmp_path):
 
 
 def test_the_dwell_comes_between_settling_and_the_mean(tmp_path):
-    starts_s = []
+    starts_s, stood_s = [], []
     for dwell_s in (0.0, 0.7):
         folder = tmp_path / f"{dwell_s}"
         folder.mkdir()
         (stage,), _, _ = run(folder, lambda _clock: None, 50.0, dwell_s=dwell_s)
         starts_s.append(stage.start_s)
+        stood_s.append(stage.stood_s)
         assert stage.settled
     assert starts_s[1] - starts_s[0] == pytest.approx(0.7, abs=PERIOD_S)
+    assert stood_s[1] - stood_s[0] == pytest.approx(0.7, abs=PERIOD_S)
+    assert SETTLE.for_s <= stood_s[0] < SETTLE.limit_s
