@@ -25,7 +25,6 @@ EFFECT = Effect(
     left_out="force and shaft clocks apart",
     law="force(t) = true force(t - offset)",
     source="-",
-    # a shift by more than a spike of the force is no longer proportional to the offset: small ones are tried, too
-    parameters=(Parameter("offset_s", -0.05, 0.05, starts=(-0.02, -0.006, -0.002, 0.002, 0.006, 0.02)),),
+    parameters=(Parameter("offset_s", -0.05, 0.05),),
     apply=apply,
 )
