@@ -13,7 +13,7 @@ from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed, stroke_following
-from rfca_rig.recording.form import Stroke
+from rfca_rig.recording.form import Stroke, collect_strokes_before
 
 Floats = NDArray[np.float64]
 Shaft = Literal["commanded", "average", "recorded"]
@@ -55,8 +55,7 @@ def _following(rig: RigModel, condition: Condition, stroke: Stroke) -> Counterpa
     average = average_speed(stroke, rig.drive.ramp_s)
     motion = _recorded_motion(rig, stroke)
     end_s = min(float(motion.breaks_s[-1]), _last_moment_s(stroke))
-    before = () if stroke.strokes_before is None else (stroke.strokes_before,)
-    simulated = stroke_following(rig, condition.height_m, motion, _grid(end_s), strokes_before=before)
+    simulated = stroke_following(rig, condition.height_m, motion, _grid(end_s), strokes_before=collect_strokes_before((stroke,)))
     return _counterpart(average.speed_rad_s, average.taken_from, simulated)
 
 

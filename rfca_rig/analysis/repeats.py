@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rfca_rig.recording.form import Stroke
+from rfca_rig.recording.form import Stroke, collect_strokes_before
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,7 @@ class Condition:
     @property
     def strokes_before(self) -> tuple[int, ...]:
         """How many strokes the leg had made before each of these; () where that is not known of all."""
-        known = tuple(stroke.strokes_before for stroke in self.strokes if stroke.strokes_before is not None)
-        return known if len(known) == len(self.strokes) else ()
+        return collect_strokes_before(self.strokes)
 
 
 @dataclass(frozen=True)

@@ -57,11 +57,11 @@ def _other_drivers(begun: Begun, now: RigFile) -> dict[str, str]:
 
 
 def _other_curve(begun: Begun, before: RigFile, now: RigFile) -> dict[str, str]:
-    """The file of a torque-rotation curve that does not read as it did. A run with a model file does not believe the rig file's curve."""
+    """The file of a torque-rotation curve that does not read as it did. A run with a model file does not use the rig file's curve."""
     section = before.leg.torque_rotation
     if section is None or section.curve is None or "model_file" in begun.header.provenance:
         return {}
-    was, stands = (believed["leg"].get("torque_rotation") for believed in (begun.header.believed, now.believed()))
+    was, stands = (model["leg"].get("torque_rotation") for model in (begun.header.believed, now.believed()))
     return {} if was == stands else {"leg.torque_rotation.curve": section.curve}
 
 

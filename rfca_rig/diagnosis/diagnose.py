@@ -34,7 +34,7 @@ from rfca_rig.model.families import members_of
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.recording.form import Recording, Stroke
+from rfca_rig.recording.form import Recording, Stroke, collect_strokes_before
 from rfca_rig.recording.identity import identity_of
 
 Floats = NDArray[np.float64]
@@ -169,10 +169,9 @@ def _strokes_made(recordings: Sequence[Recording]) -> int | None:
     if len(recordings) != 1 or not recordings[0].strokes:
         return None
     (recording,) = recordings
-    made = [None if stroke.strokes_before is None else stroke.strokes_before + 1 for stroke in recording.strokes]
-    made += [stage.strokes_before for stage in recording.static]
-    known = [count for count in made if count is not None]
-    return max(known) if len(known) == len(made) else None
+    before = collect_strokes_before((*recording.strokes, *recording.static))
+    strokes = len(recording.strokes)
+    return max([*(count + 1 for count in before[:strokes]), *before[strokes:]]) if before else None
 
 
 def _before_start_s(conditions: Iterable[Condition]) -> float:

@@ -26,7 +26,6 @@ class Job:
     motion: ShaftMotion
     t_s: Floats
     tolerance: Tolerance | None = None
-    strokes_before: tuple[int, ...] = ()
 
 
 def strokes(jobs: Sequence[Job], threads: int | None = None) -> list[SimulatedStroke | SimulationFailed]:
@@ -51,6 +50,6 @@ def _in_turn(jobs: Sequence[Job]) -> list[SimulatedStroke | SimulationFailed]:
 
 def _stroke(job: Job) -> SimulatedStroke | SimulationFailed:
     try:
-        return stroke_following(job.rig, job.height_m, job.motion, job.t_s, job.tolerance, job.strokes_before)
+        return stroke_following(job.rig, job.height_m, job.motion, job.t_s, job.tolerance)
     except SimulationFailed as failed:
         return failed

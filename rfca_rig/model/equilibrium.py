@@ -45,7 +45,7 @@ def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, toleranc
 def settle_memory(chain: Chain, laws: Laws | None, state: State, work: Work) -> None:
     """Lets the laws remember the rest pose, and ties the ends to the ground right below them."""
     assemble(chain, laws, state, LONG_S, state.q, state.w, state.a, None, work)
-    for i in range(state.q.size):
+    for i in range(state.q.size):  # an assignment of whole arrays compiles the words of its errors, too, for some seconds
         work.q[i] = state.q[i]
     remember(chain, laws, state, LONG_S, work)
     for k in range(work.place.shape[0]):

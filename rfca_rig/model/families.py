@@ -48,8 +48,13 @@ FAMILIES = (
         "hinges",
         frozenset(
             (
-                *("hinge_backlash", "hinge_stop", "damaged_hinge", "stiffness_hardening", "stiffness_fading"),
-                *("hinge_rest_angle", "hinge_rest_angle_of_one"),
+                "hinge_backlash",
+                "hinge_stop",
+                "damaged_hinge",
+                "stiffness_hardening",
+                "stiffness_fading",
+                "hinge_rest_angle",
+                "hinge_rest_angle_of_one",
             )
         ),
     ),

@@ -303,23 +303,6 @@ def measure(
         force[1] -= chain.first_moment[i] * (cos * a[i] - sin * ww) + N * floor_cos - F * floor_sin
 
 
-@compiled
-def assemble_once(
-    chain: Chain,
-    laws: Laws | None,
-    state: State,
-    elapsed: float,
-    q: Floats,
-    w: Floats,
-    a: Floats,
-    weights: Weights | None,
-    work: Work,
-) -> None:
-    """`assemble` for callers in Python."""
-    assemble(chain, laws, state, elapsed, q, w, a, weights, work)
-
-
-@compiled
-def measure_once(chain: Chain, laws: Laws | None, state: State, elapsed: float, work: Work, force: Floats) -> None:
-    """`measure` for callers in Python, at `state`."""
-    measure(chain, laws, state, elapsed, state.q, state.w, state.a, work, force)
+# the same for callers in Python
+assemble_once = compiled(assemble)
+measure_once = compiled(measure)

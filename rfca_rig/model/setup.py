@@ -76,7 +76,7 @@ class Setup:
     `chain_changes`, laws inside it (`laws_of_chain` are those that depend on what else has changed in it), the drive, what the sensor makes
     of it, or how what swings stands in the beginning. Only pendulums have `joint_readings`.
 
-    `strokes_before` are how many strokes the leg had made before, of each stroke whose mean is simulated; () where nobody counted.
+    `strokes_before` are how many strokes the leg had made before, of each stroke whose mean is simulated; () where they were not counted.
     """
 
     rig: RigModel
@@ -149,7 +149,7 @@ def check(use: LawUse) -> None:
 def holding_torque(chain: Chain, laws: Laws | None, state: State) -> float:
     """What the shaft must bear for the leg to stand as it does, in the direction of its angle."""
     work, force = room_to_work(state.q.size, state.anchor.size), np.empty(3)
-    measure_once(chain, laws, state, 0.0, work, force)
+    measure_once(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
     return float(force[2])
 
 

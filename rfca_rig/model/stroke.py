@@ -102,5 +102,5 @@ def stroke_of(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None) -> 
 
 def _fill_resting(chain: Chain, laws: Laws | None, state: State, samples: Samples, rows: int) -> None:
     work, force = room_to_work(state.q.size, state.anchor.size), np.empty(3)
-    measure_once(chain, laws, state, 0.0, work, force)
+    measure_once(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
     samples.q[:rows], samples.w[:rows], samples.force[:rows], samples.contact[:rows] = state.q, 0.0, force, work.contact

@@ -1,7 +1,7 @@
 """The one form every recording takes, whether a twin, a real rig or a file from elsewhere made it."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -40,7 +40,7 @@ class Stream:
 class Stroke:
     """One flap at one condition. Streams are named for their device: "shaft" and "force", or "table" where one file held all.
 
-    `strokes_before` is how many strokes the leg had made before in this campaign, None where nobody counted.
+    `strokes_before` is how many strokes the leg had made before in this campaign, None where it was not counted.
     """
 
     height_m: float
@@ -91,6 +91,13 @@ class StaticStage:
     def bend_deg(self) -> float:
         """The angle between the first link and the last, without sign: the sum of the hinge angles. NaN where one of them is unknown."""
         return abs(math.fsum(self.hinge_deg)) if self.hinge_deg else math.nan
+
+
+def collect_strokes_before(recorded: Iterable[Stroke | StaticStage]) -> tuple[int, ...]:
+    """How many strokes the leg had made before each of these; () where one of them was not counted."""
+    counts = [each.strokes_before for each in recorded]
+    known = tuple(count for count in counts if count is not None)
+    return known if len(known) == len(counts) else ()
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ def test_a_curve_that_reads_otherwise_is_refused_by_its_key(rig):
         rig_to_go_on(begun, rig, deliberately=True)
 
 
-def test_a_run_that_believes_a_model_file_does_not_ask_for_the_curve(rig):
+def test_a_run_with_a_model_file_does_not_ask_for_the_curve(rig):
     begun = begun_with(rig, model_file="the values of another file")
     (rig.parent / "measured.csv").write_text(CSV.replace("1.67", "1.70"), encoding="utf-8")
     assert rig_to_go_on(begun, rig, deliberately=False).changes == {}

@@ -124,7 +124,7 @@ def test_static_stages_agree():
 
 
 def test_an_arm_relaxes_alike_from_stage_to_stage(monkeypatch):
-    """On a floor without friction, which would hold the tip as it was thrown back; both legs are let go straight."""
+    """On a floor without friction, which would hold the tip as it was thrown back; both legs are released straight."""
     monkeypatch.setitem(VALUES, "spring_relaxation", {"strength_relative": 0.3, "time_constant_s": 2.0})
     smooth = believed_world(HEIGHT_M)
     smooth = replace(smooth, floor=replace(smooth.floor, mu=0.0))

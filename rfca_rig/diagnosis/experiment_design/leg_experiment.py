@@ -152,7 +152,7 @@ def flap_design(
 ) -> Design:
     """Strokes at a height and speed from a recorded start, if known, with the noise of one sample; with `shaft` its motion alone counts.
 
-    The leg has made `strokes_made` before, if anybody counted.
+    The leg has made `strokes_made` before; None where they were not counted.
     """
     settings = {"kind": "dynamic", "height_mm": round(1e3 * height_m, 3), "speed_rad_s": speed_rad_s}
     sweep_rad = float(np.radians(DYNAMIC["sweep_deg"]))
@@ -193,7 +193,7 @@ def stage_design(
 ) -> Design:
     """A sequence of shaft angles to go through at one height; `noise_std` is that of one sample, where it is stated.
 
-    The leg has made `strokes_made` before, if anybody counted.
+    The leg has made `strokes_made` before; None where they were not counted.
     """
     angles_deg = SEQUENCES[kind]
     ways = ["loading", *("unloading" if there < here else "loading" for here, there in pairwise(angles_deg))]

@@ -13,7 +13,7 @@ from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.static_stages import StageMoves, staged_motion
 from rfca_rig.model.stroke import stroke_following
-from rfca_rig.recording.form import StaticStage
+from rfca_rig.recording.form import StaticStage, collect_strokes_before
 
 Floats = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ class StageTable:
         turned = tuple(stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages)
         settled = tuple(effect for effect in supposed.rig.effects if not _in_motion_only(effect))
         rig = replace(supposed.rig, swing=None, effects=settled)
-        held = _held(rig, self.height_m + supposed.height_offset_m, turned, self._moves(), self.stages[0].strokes_before)
+        held = _held(rig, self.height_m + supposed.height_offset_m, turned, self._moves(), collect_strokes_before(self.stages[:1]))
         return np.concatenate(held[: len(self.signals)])
 
     def _moves(self) -> StageMoves:
@@ -123,13 +123,13 @@ def _in_motion_only(present: PresentEffect) -> bool:
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _held(rig: RigModel, height_m: float, turned_rad: tuple[float, ...], moves: StageMoves, strokes_before: int | None) -> Floats:
+def _held(rig: RigModel, height_m: float, turned_rad: tuple[float, ...], moves: StageMoves, strokes_before: tuple[int, ...]) -> Floats:
     """The three forces and all hinge angles of the model at these stages, (3 + hinges, stages).
 
     Remembered: what a hypothesis moves is often something that no settled reading shows, as a leg that swings in the beginning.
     """
     motion, read_s = staged_motion(rig.leg.start_angle_rad, turned_rad, moves)
-    held = stroke_following(rig, height_m, motion, read_s, CLOSE_ENOUGH, () if strokes_before is None else (strokes_before,))
+    held = stroke_following(rig, height_m, motion, read_s, CLOSE_ENOUGH, strokes_before)
     return np.array([held.fy_N, held.fz_N, held.tx_Nm, *np.degrees(np.diff(held.q_rad, axis=1)).T])
 
 

@@ -15,7 +15,7 @@ from rfca_rig.diagnosis.data.observations import Label, Observations
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
 from rfca_rig.model.stroke import SimulatedStroke, stroke_following
-from rfca_rig.recording.form import Stroke
+from rfca_rig.recording.form import Stroke, collect_strokes_before
 
 Floats = NDArray[np.float64]
 
@@ -146,7 +146,7 @@ def flap_condition(condition: Condition, noise_std: Mapping[str, float | None], 
     noise = {s: noise_std.get(s) or _noise(strokes, s) for s in signals}
     valleys = [v for stroke in strokes if not isinstance(v := stroke_valley(stroke), Refused)]
     valley = Valley(float(np.mean([v.time_s for v in valleys])), float(np.mean([v.fz_N for v in valleys])))
-    before = replace(condition, strokes=tuple(strokes)).strokes_before
+    before = collect_strokes_before(strokes)
     return FlapCondition(condition.label, condition.height_m, turn, time[inside], first, signals, repeats, phases, noise, valley, before)
 
 
