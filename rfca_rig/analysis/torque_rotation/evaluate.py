@@ -75,9 +75,9 @@ class _Case:
         angles = self._from_rest()
         return spline_over(angles, int(np.clip(len(angles) // ANGLES_PER_PIECE, 1, MOST_PIECES)))
 
-    def through_rest(self) -> list[ThroughRest]:
-        """Forms that a model can take, the simplest first."""
-        angles = self._from_rest()
+    def through_rest(self, law: Recovered) -> list[ThroughRest]:
+        """Forms that a model can take, the simplest first; angles count from where `law` has the hinges rest."""
+        angles = from_rest_rad(law, self.data)[self.data.seen]
         knots = int(np.clip(len(angles) // ANGLES_PER_PIECE, FEWEST_KNOTS, MOST_KNOTS))
         shares: list[Sequence[float]] = [tuple(np.arange(1, knots + 1) / knots)]
         if len(angles) >= ANGLES_NEAR_REST:
@@ -108,7 +108,7 @@ def evaluate(recordings: Sequence[Recording], supposed: Supposition, watcher: Wa
     watcher(3, SOLVED)
     same_errors = case.solved(Hardening(), free.errors, loop=closed is not None, learn=False)
     watcher(4, SOLVED)
-    model = _model(case, free, closed is not None)
+    model = _model(case, free, law, closed is not None)
     watcher(5, SOLVED)
     widened = _repeats(recordings, supposed, law)
     law_curve, free_curve, model_curve = (_curve(found, case.data, widened.widened) for found in (law, free, model))
@@ -176,9 +176,9 @@ def _check(recordings: Sequence[Recording], rig: RigModel) -> None:
                 )
 
 
-def _model(case: _Case, free: Recovered, has_loop: bool) -> Recovered:
+def _model(case: _Case, free: Recovered, law: Recovered, has_loop: bool) -> Recovered:
     """The simplest form that a model can take and that is not refused beside the free splines, else the finest."""
-    for basis in case.through_rest():
+    for basis in case.through_rest(law):
         found = case.solved(basis, free.errors, loop=has_loop, learn=False)
         if form_check(found, free, _curve(found, case.data, 1.0), _curve(free, case.data, 1.0)).holds:
             break

@@ -91,3 +91,10 @@ def test_rest_angles_that_are_believed_are_taken_off():
     assert result.values.k0_Nm_per_rad == pytest.approx(11.0, rel=0.005)
     raw = np.degrees([hinge for stage in result.data.stages for hinge in np.radians(stage.hinge_deg[2:3])])
     assert np.degrees(result.points.phi_rad[:, 2]) == pytest.approx(raw - 1.5, abs=0.1)
+
+
+def test_the_measured_curve_reaches_as_far_as_hinges_bend_from_where_they_rest():
+    """With knots counted from zero the outermost one lies 3.5 degrees short, and the spline is straight beyond it."""
+    result = found_in(noisy(stages_with((4.0,) * 6), np.random.default_rng(0)))
+    assert np.degrees(result.model.basis.knots_rad[-1]) == pytest.approx(np.degrees(np.abs(result.model.range_rad).max()), abs=0.2)
+    assert np.degrees(result.rests[1].rest_rad) == pytest.approx(4.0, abs=0.1)
