@@ -232,6 +232,9 @@ def friction_is_not_told() -> list[RigModel]:
     for stiffness in (1e6, 1e7):
         rig = refitted(changed(ground={"friction_coefficient": 0.3, "stiffness_N_per_m1p5": stiffness}))
         print(row(f"0.30, plate {stiffness:g}: {_hinges(rig)}", rig))
+    for mu in (0.1, 0.2, 0.3, 0.41, 0.6):
+        rig = refitted(changed(ground={"friction_coefficient": mu, "drag_N_s_per_m": 0.0}))
+        print(row(f"{mu:.2f}, no drag: {_hinges(rig)}", rig))
     return rigs
 
 
