@@ -25,7 +25,7 @@ EFFECT = Effect(
     # 50 mm does, and 4 to 26 % of one of 200 mm
     parameters=(
         Parameter("height_mm", -5.0, 5.0, starts=(-1.5, 1.5)),
-        Parameter("at_mm", -130.0, 190.0, starts=tuple(float(at) for at in range(-100, 181, 20))),
+        Parameter("at_mm", -130.0, 190.0, starts=tuple(float(at) for at in range(-120, 181, 10))),
         Parameter("width_mm", 8.0, 50.0, may_be_zero=False, starts=(12.0, 30.0)),
     ),
     apply=apply,
