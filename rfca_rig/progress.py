@@ -6,6 +6,12 @@ from typing import TypeVar
 T = TypeVar("T")
 
 Watcher = Callable[[int, int], None]
+Told = Callable[[str, int, int], None]
+"""Is told what is being done, how many of it are done, and of how many."""
+
+
+def silent(what: str, done: int, of: int) -> None:
+    """Tells nobody."""
 
 
 def unwatched(_done: int, _of: int) -> None:

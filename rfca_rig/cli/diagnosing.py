@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.crews import Cluster, Workers
 from rfca_rig.cli.diagnosing_each import diagnose_each
+from rfca_rig.cli.executors import Cluster, Workers
 from rfca_rig.cli.options import Json, Pdf, Rig, Runs, Seed
 from rfca_rig.cli.writable import out_folder
 

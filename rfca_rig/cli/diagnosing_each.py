@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from rfca_rig.cli.crews import Told, asked_crew
+from rfca_rig.cli.executors import Told, open_executor
 
 if TYPE_CHECKING:
-    from rfca_rig.crew.form import Crew
+    from rfca_rig.executors.base import TaskExecutor
 
 ANSWER = "diagnosis.json"
 
@@ -30,8 +30,8 @@ def diagnose_each(
     out.mkdir(parents=True, exist_ok=True)
     sweep_out(out)
     try:
-        with progress(quiet=as_json) as bars, asked_crew(workers, cluster, bars.told, out) as crew:
-            failed = _diagnosed(folders, without, crew, bars.told)
+        with progress(quiet=as_json) as bars, open_executor(workers, cluster, bars.told, out) as executor:
+            failed = _diagnosed(folders, without, executor, bars.told)
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
     see_afresh(out)
@@ -59,15 +59,15 @@ def _folders(paths: Sequence[Path], out: Path) -> dict[str, tuple[Path, Path]]:
     return folders
 
 
-def _diagnosed(folders: dict[str, tuple[Path, Path]], without: tuple[str, ...], crew: "Crew", told: Told) -> dict[str, str]:
+def _diagnosed(folders: dict[str, tuple[Path, Path]], without: tuple[str, ...], executor: "TaskExecutor", told: Told) -> dict[str, str]:
     """Why there is no diagnosis, by name, of those that have none."""
-    from rfca_rig.crew.doing import Failed, done
+    from rfca_rig.executors.mapping import Failed, map_unordered
 
     to_do = [each for each in folders.values() if not (each[1] / ANSWER).is_file()]
     before = len(folders) - len(to_do)
     failed: dict[str, str] = {}
     told("diagnoses", before, len(folders))
-    for number, ((_, into), result) in enumerate(done(crew, partial(diagnose_quietly, without), to_do), start=before + 1):
+    for number, ((_, into), result) in enumerate(map_unordered(executor, partial(diagnose_quietly, without), to_do), start=before + 1):
         why = result.reason if isinstance(result, Failed) else result
         if why is not None:
             failed[into.name] = why

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.crews import Cluster, Told, asked_crew
+from rfca_rig.cli.executors import Cluster, Told, open_executor
 from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json
 from rfca_rig.cli.reporting import Shaft, refuse_leg_options
@@ -15,8 +15,8 @@ from rfca_rig.cli.writable import out_file
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.fitting.result import FitResult
-    from rfca_rig.crew.form import Crew
     from rfca_rig.diagnosis.window_fit import WindowFit
+    from rfca_rig.executors.base import TaskExecutor
 
 
 def fit(
@@ -83,9 +83,9 @@ def fit(
     named(_names(parameters))
     recordings = open_with_belief(paths)
     counter = _Counter()
-    with progress(quiet=as_json) as bars, _crew_of_starts(cluster, bars.told) as crew:
+    with progress(quiet=as_json) as bars, _executor_of_starts(cluster, bars.told) as executor:
         bars.going_on("fitting", counter.text)
-        search = Search(starts=starts, rng=np.random.default_rng(seed), progress=counter.count, crew=crew)
+        search = Search(starts=starts, rng=np.random.default_rng(seed), progress=counter.count, executor=executor)
         result = fit_recordings(recordings, _names(parameters), comparison, search)
     if out is not None:
         sources = [f"{path} ({recording.source}): {recording.title}" for path, recording in zip(paths, recordings, strict=True)]
@@ -137,9 +137,9 @@ def _print_windows(found: "WindowFit", file_format: str, folder: Path, out: Path
         typer.echo(f"{out}: the fitted model; rfca-rig report {folder} --model {out} compares it", err=True)
 
 
-def _crew_of_starts(cluster: str | None, told: Told) -> "AbstractContextManager[Crew | None]":
+def _executor_of_starts(cluster: str | None, told: Told) -> "AbstractContextManager[TaskExecutor | None]":
     """Threads of this process share a single descent out better than processes share several; a cluster has more cores than either."""
-    return nullcontext() if cluster is None else asked_crew(None, cluster, told)
+    return nullcontext() if cluster is None else open_executor(None, cluster, told)
 
 
 def _names(text: str) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli import diagnosing
-from rfca_rig.cli.crews import Cluster, Workers, asked_crew
+from rfca_rig.cli.executors import Cluster, Workers, open_executor
 from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json, Pdf
 
@@ -70,12 +70,12 @@ def _work(
     from rfca_rig.exam.taken_out import take_out_each
 
     try:
-        with progress(quiet=quiet) as bars, asked_crew(workers, cluster, bars.told, out) as crew:
-            examine(out, seed, numbers, diagnose_as_typed, crew, WallClock, bars.told)
+        with progress(quiet=quiet) as bars, open_executor(workers, cluster, bars.told, out) as executor:
+            examine(out, seed, numbers, diagnose_as_typed, executor, WallClock, bars.told)
             if follows:
-                follow_up(out, diagnose_as_typed, crew, bars.told)
+                follow_up(out, diagnose_as_typed, executor, bars.told)
             if takes_out:
-                take_out_each(out, diagnose_without, crew, bars.told)
+                take_out_each(out, diagnose_without, executor, bars.told)
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
 

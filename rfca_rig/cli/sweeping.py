@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.crews import Cluster, Workers
+from rfca_rig.cli.executors import Cluster, Workers
 from rfca_rig.cli.options import Json, Model
 
 if TYPE_CHECKING:
@@ -122,15 +122,15 @@ def _model(rig: str | None, model: Path | None) -> "RigModel":
 def _carried_out(
     plan: "SweepPlan", folder: Path, workers: int | None, cluster: str | None, quiet: bool, clocks: "Callable[[], Clock]"
 ) -> "SweepResult":
-    from rfca_rig.cli.crews import asked_crew
+    from rfca_rig.cli.executors import open_executor
     from rfca_rig.cli.progress import progress
     from rfca_rig.model.compiled import is_warm
     from rfca_rig.sweep.carrying_out import carry_out
 
     if not is_warm() and not quiet:
         typer.echo("compiling the model, once on this machine, about ten seconds ...", err=True)
-    with progress(quiet) as bars, asked_crew(workers, cluster, bars.told) as crew:
-        return carry_out(plan, folder, crew, clocks, bars.told)
+    with progress(quiet) as bars, open_executor(workers, cluster, bars.told) as executor:
+        return carry_out(plan, folder, executor, clocks, bars.told)
 
 
 def _report(result: "SweepResult", folder: Path, command: list[str | Path], as_json: bool) -> None:
@@ -150,7 +150,7 @@ def _print_foretold(plan: "SweepPlan", workers: int | None, as_json: bool) -> No
     import json
 
     from rfca_rig.clock import WallClock
-    from rfca_rig.crew.cores import machine_cores
+    from rfca_rig.executors.cores import machine_cores
     from rfca_rig.sweep.pilot import bytes_expected, measured_pace
 
     hands = workers or machine_cores()

@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rfca_rig.crew.slurm import JobArray
 from rfca_rig.description.sections import Section
 from rfca_rig.description.toml import read_toml
+from rfca_rig.executors.slurm import JobArray
 
 Word = Annotated[str, Field(pattern=r"^[^\s,;]+$")]
 Line = Annotated[str, Field(pattern=r"^[^\n]+$")]

@@ -10,7 +10,6 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.fitting.space import Space
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.repeats import Condition, conditions_of
-from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.description.believed import believed_model
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
 from rfca_rig.diagnosis.decision.decide import Decision, decide
@@ -28,6 +27,7 @@ from rfca_rig.diagnosis.leg.strokes import FlapCondition, flap_condition, turn_o
 from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis, join_not_seen
 from rfca_rig.errors import BadInput
+from rfca_rig.executors.cores import algebra_on_one_thread
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import OF_PENDULUMS, Effect
 from rfca_rig.model.families import members_of

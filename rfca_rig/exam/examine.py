@@ -8,14 +8,14 @@ from functools import partial
 from pathlib import Path
 
 from rfca_rig.clock import Clock
-from rfca_rig.crew.doing import Failed, done
-from rfca_rig.crew.form import Crew, Here
-from rfca_rig.crew.told import Told, silent
 from rfca_rig.errors import BadInput, RigError, SimulationFailed
 from rfca_rig.exam.marking import mark
 from rfca_rig.exam.plan import Plan
 from rfca_rig.exam.score import Marks
 from rfca_rig.exam.write import write_all
+from rfca_rig.executors.base import InProcessExecutor, TaskExecutor
+from rfca_rig.executors.mapping import Failed, map_unordered
+from rfca_rig.progress import Told, silent
 from rfca_rig.recording.whole import see_afresh, sweep_out, whole
 
 DIAGNOSES, CRASHES, REFUSAL, SECONDS = "diagnoses", "crashed", "refused.txt", "seconds.txt"
@@ -32,24 +32,24 @@ def examine(
     seed: int,
     numbers: Mapping[str, int],
     diagnose: Diagnose,
-    crew: Crew | None = None,
+    executor: TaskExecutor | None = None,
     clocks: Clocks | None = None,
     told: Told = silent,
 ) -> Marks:
     """The marks of `diagnose` on newly written cases, which stay in `folder`/campaigns, with its answers in `folder`/diagnoses.
 
-    `crew` does the work, this process if it is not given. A BadInput or SimulationFailed is an answer too, that the campaign cannot be
+    `executor` does the work, this process if it is not given. A BadInput or SimulationFailed is an answer too, that the campaign cannot be
     used, and is kept as text. Any other exception is not: then the other cases are answered yet, nothing is marked, and RigError names
     the case.
     """
-    crew = crew or Here()
-    campaigns = write_all(folder, Plan(seed, numbers), crew, told)
-    answer_all(campaigns, folder, diagnose, crew, clocks, told)
+    executor = executor or InProcessExecutor()
+    campaigns = write_all(folder, Plan(seed, numbers), executor, told)
+    answer_all(campaigns, folder, diagnose, executor, clocks, told)
     return mark(folder, folder / DIAGNOSES)
 
 
 def answer_all(
-    campaigns: Sequence[Path], folder: Path, diagnose: Diagnose, crew: Crew, clocks: Clocks | None = None, told: Told = silent
+    campaigns: Sequence[Path], folder: Path, diagnose: Diagnose, executor: TaskExecutor, clocks: Clocks | None = None, told: Told = silent
 ) -> None:
     """A diagnosis of each campaign that has none yet."""
     diagnoses = folder / DIAGNOSES
@@ -60,7 +60,7 @@ def answer_all(
     told("campaigns diagnosed", before, len(campaigns))
     crashed: dict[str, Failed] = {}
     work = partial(answer, diagnoses.resolve(), diagnose, clocks)
-    for number, (campaign, result) in enumerate(done(crew, work, to_answer), start=before + 1):
+    for number, (campaign, result) in enumerate(map_unordered(executor, work, to_answer), start=before + 1):
         _keep(result, folder / CRASHES / f"{campaign.name}.txt")
         if isinstance(result, Failed):
             crashed[campaign.name] = result

@@ -16,8 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.crew.form import Crew
-from rfca_rig.crew.told import Told, silent
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.exam.campaign_of import add_experiment
 from rfca_rig.exam.cases import POOR_DATA, Case, drawn_cases
@@ -29,6 +27,8 @@ from rfca_rig.exam.said import NAMED, NOTHING, read_said
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.exam.working_off import worked_off
 from rfca_rig.exam.write import CAMPAIGNS
+from rfca_rig.executors.base import TaskExecutor
+from rfca_rig.progress import Told, silent
 from rfca_rig.recording.atomic import write_atomically
 
 FOLDER, RESULT = "follow-ups", "follow-up.json"
@@ -52,7 +52,7 @@ class FollowUp:
     said: str
 
 
-def follow_up(folder: Path, diagnose: Diagnose, crew: Crew, told: Told = silent) -> None:
+def follow_up(folder: Path, diagnose: Diagnose, executor: TaskExecutor, told: Told = silent) -> None:
     """All open cases of a finished exam, each followed in both ways, into `folder`/follow-ups. What was followed already stays.
 
     Raises RigError where one could not be followed, when the others are done.
@@ -61,7 +61,7 @@ def follow_up(folder: Path, diagnose: Diagnose, crew: Crew, told: Told = silent)
     cases = {case.id: case for case in drawn_cases(plan.seed, plan.numbers) if isinstance(case, Case) and case.kind == POOR_DATA}
     truths = {truth["case"]: truth_in(truth) for truth in open_all(folder) if truth["case"] in cases}
     jobs = [(case, truths[id_], arm) for id_, case in cases.items() for arm in ARMS]
-    worked_off(crew, partial(followed, folder.resolve(), diagnose), jobs, _case_and_arm, "open cases followed", told)
+    worked_off(executor, partial(followed, folder.resolve(), diagnose), jobs, _case_and_arm, "open cases followed", told)
 
 
 def _case_and_arm(job: tuple[Case, Truth, str]) -> str:

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from rfca_rig.crew.form import Crew
-from rfca_rig.crew.told import Told, silent
 from rfca_rig.exam.cases import SINGLE
 from rfca_rig.exam.claims import CONFIDENT
 from rfca_rig.exam.examine import answer
@@ -21,6 +19,8 @@ from rfca_rig.exam.score import Share
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.exam.working_off import worked_off
 from rfca_rig.exam.write import CAMPAIGNS
+from rfca_rig.executors.base import TaskExecutor
+from rfca_rig.progress import Told, silent
 from rfca_rig.recording.whole import see_afresh, sweep_out
 
 FOLDER = "taken-out"
@@ -29,7 +29,7 @@ DiagnoseWithout = Callable[[str, Path, Path], object]
 """Without the effect of that id in the catalogue, reads the campaign in the first folder and writes diagnosis.json into the second."""
 
 
-def take_out_each(folder: Path, diagnose: DiagnoseWithout, crew: Crew, told: Told = silent) -> None:
+def take_out_each(folder: Path, diagnose: DiagnoseWithout, executor: TaskExecutor, told: Told = silent) -> None:
     """Every such case of the exam in `folder`, into `folder`/taken-out. What was diagnosed already stays.
 
     Raises RigError where one could not be diagnosed, when the others are done.
@@ -39,7 +39,7 @@ def take_out_each(folder: Path, diagnose: DiagnoseWithout, crew: Crew, told: Tol
     sweep_out(answers)
     to_diagnose = [truth for truth in _visible(folder) if not (answers / truth.case).is_dir()]
     jobs = [(truth.case, effect) for truth in to_diagnose for effect in truth.effects]
-    worked_off(crew, partial(_diagnosed, folder.resolve(), diagnose), jobs, _case, "entries taken out", told)
+    worked_off(executor, partial(_diagnosed, folder.resolve(), diagnose), jobs, _case, "entries taken out", told)
     see_afresh(answers)
 
 

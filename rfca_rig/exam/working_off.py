@@ -3,17 +3,23 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
-from rfca_rig.crew.doing import Failed, done
-from rfca_rig.crew.form import Crew
-from rfca_rig.crew.told import Told
 from rfca_rig.errors import RigError
+from rfca_rig.executors.base import TaskExecutor
+from rfca_rig.executors.mapping import Failed, map_unordered
+from rfca_rig.progress import Told
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
 def worked_off(
-    crew: Crew, work: Callable[[Job], Result], jobs: Sequence[Job], name_of: Callable[[Job], str], what: str, told: Told, before: int = 0
+    executor: TaskExecutor,
+    work: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    name_of: Callable[[Job], str],
+    what: str,
+    told: Told,
+    before: int = 0,
 ) -> dict[str, Result]:
     """The results by name; `told` hears of `what` how many there are, with those that were there `before`.
 
@@ -23,7 +29,7 @@ def worked_off(
     failed: dict[str, Failed] = {}
     of = before + len(jobs)
     told(what, before, of)
-    for job, result in done(crew, work, jobs):
+    for job, result in map_unordered(executor, work, jobs):
         if isinstance(result, Failed):
             failed[name_of(job)] = result
         else:

@@ -7,9 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rfca_rig.crew.form import Crew
-from rfca_rig.crew.local import crew as crew_here
-from rfca_rig.crew.told import Told, silent
 from rfca_rig.errors import RigError
 from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import KINDS, Case, drawn_cases, shared_out
@@ -19,6 +16,9 @@ from rfca_rig.exam.plan import Plan, begin
 from rfca_rig.exam.sealing import complete, is_sealed, seal_all, unwritten
 from rfca_rig.exam.truth import truth_of
 from rfca_rig.exam.working_off import worked_off
+from rfca_rig.executors.base import TaskExecutor
+from rfca_rig.executors.local import process_executor
+from rfca_rig.progress import Told, silent
 from rfca_rig.recording.whole import sweep_out, whole
 
 CAMPAIGNS = "campaigns"
@@ -27,33 +27,33 @@ CAMPAIGNS = "campaigns"
 def write_cases(folder: Path, seed: int, numbers: Mapping[str, int], workers: int = 0) -> list[Path]:
     """Writes as many cases of each kind as `numbers` says; returns the campaign folders, `folder`/campaigns/case-NNNN.
 
-    The truths are sealed before the first campaign is written. `workers` processes share the work, see `crew.local`. What is there already
-    from the same plan stays as it is. Raises BadInput where `folder` holds something else, or where a kind is unknown.
+    The truths are sealed before the first campaign is written. `workers` processes share the work, see `executors.local`. What is there
+    already from the same plan stays as it is. Raises BadInput where `folder` holds something else, or where a kind is unknown.
     """
     plan = Plan(seed, numbers)
-    with crew_here(workers) as crew:
-        return write_all(folder, plan, crew)
+    with process_executor(workers) as executor:
+        return write_all(folder, plan, executor)
 
 
-def write_all(folder: Path, plan: Plan, crew: Crew, told: Told = silent) -> list[Path]:
-    """The same, by `crew`; `told` hears how far it is."""
+def write_all(folder: Path, plan: Plan, executor: TaskExecutor, told: Told = silent) -> list[Path]:
+    """The same, by `executor`; `told` hears how far it is."""
     begin(folder, plan)
     cases = drawn_cases(plan.seed, plan.numbers)
-    _seal(cases, folder, crew, told)
+    _seal(cases, folder, executor, told)
     campaigns = folder / CAMPAIGNS
     sweep_out(campaigns)
     to_write = [case for case in cases if not (campaigns / case.id).is_dir()]
     before = len(cases) - len(to_write)
-    worked_off(crew, partial(_write_whole, campaigns.resolve()), to_write, _id, "campaigns written", told, before)
+    worked_off(executor, partial(_write_whole, campaigns.resolve()), to_write, _id, "campaigns written", told, before)
     return [campaigns / case.id for case in cases]
 
 
-def _seal(cases: Sequence[Case | PendulumCase], folder: Path, crew: Crew, told: Told) -> None:
+def _seal(cases: Sequence[Case | PendulumCase], folder: Path, executor: TaskExecutor, told: Told) -> None:
     """Seals all truths, or completes what was sealed."""
     sealed = is_sealed(folder)
     missing = set(unwritten(folder)) if sealed else {case.id for case in cases}
     to_seal = [case for case in cases if case.id in missing]
-    truths = worked_off(crew, _truth_of, to_seal, _id, "truths sealed", told, len(cases) - len(to_seal))
+    truths = worked_off(executor, _truth_of, to_seal, _id, "truths sealed", told, len(cases) - len(to_seal))
     (complete if sealed else seal_all)([truths[case.id] for case in to_seal], folder)
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.crew.cores import cores
 from rfca_rig.errors import SimulationFailed
+from rfca_rig.executors.cores import cores
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel

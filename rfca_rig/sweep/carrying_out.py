@@ -1,4 +1,4 @@
-"""Carries a sweep out: hands spans of cases to a crew, keeps what comes back on disk, and puts it together at the end."""
+"""Carries a sweep out: hands spans of cases to an executor, keeps what comes back on disk, and puts it together at the end."""
 
 from collections.abc import Callable
 from functools import partial
@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.crew.doing import Failed, done
-from rfca_rig.crew.form import Crew
-from rfca_rig.crew.told import Told
 from rfca_rig.errors import BadInput
+from rfca_rig.executors.base import TaskExecutor
+from rfca_rig.executors.mapping import Failed, map_unordered
+from rfca_rig.progress import Told
 from rfca_rig.sweep.cases import Rows, Span, compute, failed
 from rfca_rig.sweep.identity import settle
 from rfca_rig.sweep.pilot import measured_pace
@@ -21,7 +21,7 @@ from rfca_rig.sweep.shards import Shards, cut, missing
 CASES = "cases"
 
 
-def carry_out(plan: SweepPlan, folder: Path, crew: Crew, clocks: Callable[[], Clock], told: Told) -> SweepResult:
+def carry_out(plan: SweepPlan, folder: Path, executor: TaskExecutor, clocks: Callable[[], Clock], told: Told) -> SweepResult:
     """The whole sweep, from where it stands in `folder`; the same bytes there in the end, however often it was stopped on the way.
 
     Results that came are on disk when this ends with an exception. Raises BadInput for a folder of another sweep, RigError, DiskFull.
@@ -30,14 +30,14 @@ def carry_out(plan: SweepPlan, folder: Path, crew: Crew, clocks: Callable[[], Cl
     with shards.held():
         result = read_result(plan, folder)
         if result is None:
-            _compute_missing(plan, shards, crew, clocks, told)
+            _compute_missing(plan, shards, executor, clocks, told)
             result = merged(plan, shards)
             write_result(result, folder)
         shards.clear()
     return result
 
 
-def _compute_missing(plan: SweepPlan, shards: Shards, crew: Crew, clocks: Callable[[], Clock], told: Told) -> None:
+def _compute_missing(plan: SweepPlan, shards: Shards, executor: TaskExecutor, clocks: Callable[[], Clock], told: Told) -> None:
     gaps = missing(plan.count, shards.spans())
     if not gaps:
         return
@@ -45,14 +45,14 @@ def _compute_missing(plan: SweepPlan, shards: Shards, crew: Crew, clocks: Callab
     here = plan.count - sum(map(len, gaps))
     told(CASES, here, plan.count)
     lost = []
-    for span, rows in done(crew, partial(compute, plan), cut(gaps, size), clocks):
+    for span, rows in map_unordered(executor, partial(compute, plan), cut(gaps, size), clocks):
         if isinstance(rows, Failed):
             lost.append(span)
             continue
         shards.write(span, rows)
         here += len(span)
         told(CASES, here, plan.count)
-    for span, found in done(crew, partial(compute, plan), cut(lost, 1), clocks):
+    for span, found in map_unordered(executor, partial(compute, plan), cut(lost, 1), clocks):
         shards.write(span, _rows(plan, span, found))
         here += 1
         told(CASES, here, plan.count)

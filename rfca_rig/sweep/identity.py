@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig import analysis, model, sweep
-from rfca_rig.crew.terms import facts_here, source_hash
 from rfca_rig.errors import BadInput
+from rfca_rig.executors.environment import facts_here, source_hash
 from rfca_rig.model.catalogue import FOLDER_VARIABLE
 from rfca_rig.recording.atomic import refusals, write_atomically
 from rfca_rig.sweep.plan import SweepPlan

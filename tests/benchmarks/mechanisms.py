@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.campaign.experiment import read_experiment
-from rfca_rig.crew.cores import cores
 from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.errors import RigError
+from rfca_rig.executors.cores import cores
 from rfca_rig.model.families import families_of
 from tests.mechanism import arm, hopper
 

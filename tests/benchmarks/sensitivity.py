@@ -20,10 +20,10 @@ from typing import Any
 
 import cloudpickle
 
-from rfca_rig.crew.cores import ONE_THREAD, machine_cores
 from rfca_rig.diagnosis import config
 from rfca_rig.exam.outcome import truth_in
 from rfca_rig.exam.sealing import open_all
+from rfca_rig.executors.cores import ONE_THREAD, machine_cores
 
 BASE = "as shipped"
 FACTORS = (0.5, 1.5)

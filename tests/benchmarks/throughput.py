@@ -1,4 +1,4 @@
-"""Simulations through the crew, as share of the kernel's own rate: python -m tests.benchmarks.throughput [--short]
+"""Simulations through the executor, as share of the kernel's own rate: python -m tests.benchmarks.throughput [--short]
 
 Two workers simulate strokes, each in a loop of its own: that is the kernel's own rate. Then the same strokes, cut into cases of 5, 50 and
 500 ms, are handed to the same workers: two processes of this machine, or two workers of a Dask scheduler that lives in this process. Shown
@@ -17,14 +17,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rfca_rig.crew.cluster import connected
-from rfca_rig.crew.doing import BATCH_S, done
-from rfca_rig.crew.extra import distributed
-from rfca_rig.crew.form import Crew
-from rfca_rig.crew.local import crew
-from rfca_rig.crew.told import silent
+from rfca_rig.executors.base import TaskExecutor
+from rfca_rig.executors.cluster import connected
+from rfca_rig.executors.local import process_executor
+from rfca_rig.executors.mapping import BATCH_S, map_unordered
+from rfca_rig.executors.optional import distributed
 from rfca_rig.model.stroke import stroke_at_speed
-from tests.crew.work import facts
+from rfca_rig.progress import silent
+from tests.executors.work import facts
 from tests.model.legs import PAPER
 
 T_S = np.arange(1, 1401) * 1e-3
@@ -67,10 +67,10 @@ class Round:
     head_s: float
 
 
-def measured(crew: Crew, strokes: int, cases: int, batch_s: float = BATCH_S) -> Round:
+def measured(executor: TaskExecutor, strokes: int, cases: int, batch_s: float = BATCH_S) -> Round:
     """`cases` of so many strokes each."""
     begin, head = time.perf_counter(), time.process_time()
-    results = [result for _, result in done(crew, simulated, [strokes] * cases, batch_s=batch_s)]
+    results = [result for _, result in map_unordered(executor, simulated, [strokes] * cases, batch_s=batch_s)]
     took, head = time.perf_counter() - begin, time.process_time() - head
     busy = sum(result.seconds for result in results) / (HANDS * took)
     return Round(strokes * cases / took, busy, _share_of_cpu(results, head), head / cases)
@@ -86,21 +86,21 @@ def _share_of_cpu(results: Sequence[Simulated], head_s: float) -> float:
     return simulating / all_
 
 
-def own_rate(crew: Crew, strokes: int) -> float:
+def own_rate(executor: TaskExecutor, strokes: int) -> float:
     """Strokes per second of workers that nobody interrupts: each does its share in one piece."""
-    return sum(result.strokes / result.seconds for _, result in done(crew, simulated, [strokes // (2 * HANDS)] * HANDS))
+    return sum(result.strokes / result.seconds for _, result in map_unordered(executor, simulated, [strokes // (2 * HANDS)] * HANDS))
 
 
-def pieces_per_s(crew: Crew, count: int) -> tuple[float, float]:
+def pieces_per_s(executor: TaskExecutor, count: int) -> tuple[float, float]:
     """Pieces of no work, one at a time: how many a second, and seconds of this process's processor for each."""
     begin, head = time.perf_counter(), time.process_time()
-    for _ in done(crew, nothing, range(count), batch_s=0.0):
+    for _ in map_unordered(executor, nothing, range(count), batch_s=0.0):
         pass
     return count / (time.perf_counter() - begin), (time.process_time() - head) / count
 
 
 @contextmanager
-def dask_workers(hands: int) -> Iterator[Crew]:
+def dask_workers(hands: int) -> Iterator[TaskExecutor]:
     """Workers of a scheduler, in processes of their own."""
     asked = {"n_workers": hands, "threads_per_worker": 1, "processes": True, "dashboard_address": "127.0.0.1:0", "silence_logs": 60}
     with (
@@ -110,7 +110,7 @@ def dask_workers(hands: int) -> Iterator[Crew]:
         yield workers
 
 
-CREWS: dict[str, Callable[[int], AbstractContextManager[Crew]]] = {"local pool": crew, "Dask": dask_workers}
+EXECUTORS: dict[str, Callable[[int], AbstractContextManager[TaskExecutor]]] = {"local pool": process_executor, "Dask": dask_workers}
 
 
 def strokes_of(case_ms: int, stroke_s: float) -> int:
@@ -125,7 +125,7 @@ def main() -> None:
     simulated(5)
     stroke_s = min(simulated(20).cpu_s / 20 for _ in range(5))
     print(f"one stroke {1e3 * stroke_s:.2f} ms of processor time")
-    for name, hired in CREWS.items():
+    for name, hired in EXECUTORS.items():
         with hired(HANDS) as hands:
             measured(hands, 1, 20)  # compiled code is loaded
             for case_ms in CASE_MS:
@@ -134,7 +134,7 @@ def main() -> None:
             _print_limits(name, hands, pieces)
 
 
-def _print_share(name: str, hands: Crew, strokes: int, case: tuple[int, float], length: tuple[int, float]) -> None:
+def _print_share(name: str, hands: TaskExecutor, strokes: int, case: tuple[int, float], length: tuple[int, float]) -> None:
     case_ms, batch_s = case
     rounds, seconds = length
     cases = max(2 * HANDS, round(HANDS * 1e3 * seconds / case_ms))
@@ -151,7 +151,7 @@ def _print_share(name: str, hands: Crew, strokes: int, case: tuple[int, float], 
     print(f"{name:10s} {case_ms:4d} ms {how}: {shares}, head {1e3 * head_s:6.3f} ms a case")
 
 
-def _print_limits(name: str, hands: Crew, count: int) -> None:
+def _print_limits(name: str, hands: TaskExecutor, count: int) -> None:
     per_s, head_s = max((pieces_per_s(hands, count) for _ in range(3)), key=lambda found: found[0])
     print(f"{name}: {per_s:.0f} pieces of no work a second, head {1e3 * head_s:.2f} ms a piece")
     for cores in (10, 100, 1000):

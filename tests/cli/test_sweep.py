@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.crew import local
-from rfca_rig.crew.form import Here
+from rfca_rig.executors import local
+from rfca_rig.executors.base import InProcessExecutor
 from rfca_rig.report.wording import MINUS
 from rfca_rig.sweep.outputs import OUTPUTS
 from rfca_rig.sweep.quantities import quantities
@@ -21,8 +21,8 @@ GRID = ("--vary", "height_mm=215,235", "--vary", "k0=10:12:3", "--outputs", "val
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """A folder to work in, and cases that are computed in this process: others are tested with the crew."""
-    monkeypatch.setattr(local, "crew", lambda _: nullcontext(Here()))
+    """A folder to work in, and cases that are computed in this process: others are tested with the executor."""
+    monkeypatch.setattr(local, "executor", lambda _: nullcontext(InProcessExecutor()))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -11,8 +11,8 @@ import pytest
 from rfca_rig.cli import proving
 from tests.cli.typed import typed
 from tests.cluster.slurm_node import missing, slurm_node
-from tests.crew.test_cluster import content
 from tests.exam_cases.examinees import wants_more_data
+from tests.executors.test_cluster import content
 
 ROOT = Path(__file__).parents[2]
 EXAM = ("--seed", "2", "--kind", "poor data", "--cases", "2")

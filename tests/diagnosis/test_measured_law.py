@@ -10,7 +10,6 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.swings import swings_of
 from rfca_rig.campaign.pendulum import read_pendulum_campaign
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.diagnosis.config import NEAR
 from rfca_rig.diagnosis.diagnose import prepare_data, search_base
@@ -32,6 +31,7 @@ from rfca_rig.exam import campaign_of
 from rfca_rig.exam.cases import NOTHING, drawn_cases
 from rfca_rig.exam.designs import Design
 from rfca_rig.exam.rig_of import world_of
+from rfca_rig.executors.cores import algebra_on_one_thread
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import LawTable, PresentEffect
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded

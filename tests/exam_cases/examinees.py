@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from rfca_rig.crew.cores import cores
+from rfca_rig.executors.cores import cores
 
 ANSWER = {"format": "rfca-diagnosis/1", "verdict": "not enough data", "effects": []}
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.crew.local import crew
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam import cases
 from rfca_rig.exam.examine import examine
 from rfca_rig.exam.marked import examined, examined_so_far
 from rfca_rig.exam.plan import FILE
 from rfca_rig.exam.sealing import open_all
+from rfca_rig.executors.local import process_executor
 from tests.exam_cases.examinees import tells_its_process, wants_more_data
 
 NUMBERS = {cases.POOR_DATA: 2}
@@ -181,7 +181,7 @@ def test_what_is_diagnosed_so_far_is_marked_and_the_other_truths_stay_sealed(exa
 def test_workers_have_one_thread_each(exam):
     shutil.rmtree(exam / "diagnoses")
     before = os.environ.get("OPENBLAS_NUM_THREADS")
-    with crew(2) as processes:
+    with process_executor(2) as processes:
         examine(exam, 1, NUMBERS, tells_its_process, processes)
     for told in (json.loads(path.read_text()) for path in (exam / "diagnoses").glob("*/process.json")):
         assert told == {"threads": 1, "openblas": "1"}

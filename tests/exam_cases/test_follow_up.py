@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.crew.form import Here
 from rfca_rig.errors import BadInput
 from rfca_rig.exam import cases
 from rfca_rig.exam.examine import examine
 from rfca_rig.exam.follow_up import FOLDER, MOST, follow_up, ways
 from rfca_rig.exam.sealing import open_all
+from rfca_rig.executors.base import InProcessExecutor
 
 STROKE = {"height_mm": 230.0, "speed_rad_s": 2.0, "repeats": 2, "protocol": "next-experiment.toml"}
 REVERSAL = {
@@ -57,7 +57,7 @@ def exam(tmp_path):
 
 def test_what_is_proposed_is_done_until_the_verdict_is_right(exam):
     folder, truths = exam(STROKE)
-    follow_up(folder, naming(truths, 2, STROKE), Here())
+    follow_up(folder, naming(truths, 2, STROKE), InProcessExecutor())
     proposed, lot = ways(folder)
     assert proposed.settled == proposed.of == len([t for t in truths.values() if not t["effects"] or t["size"]["left_over_noise"] >= 2.0])
     assert proposed.experiments == 1.0 and lot.experiments >= 1.0
@@ -67,14 +67,14 @@ def test_what_is_proposed_is_done_until_the_verdict_is_right(exam):
 
 def test_a_static_proposal_is_done_in_its_own_stages(exam):
     folder, truths = exam(REVERSAL)
-    follow_up(folder, naming(truths, 2, REVERSAL), Here())
+    follow_up(folder, naming(truths, 2, REVERSAL), InProcessExecutor())
     (recording,) = [read_campaign(folder / FOLDER / "case-0002-proposed" / "campaign")]
     assert [stage.shaft_angle_rad for stage in recording.static] == pytest.approx([1.92, 1.92], abs=0.03)  # a soft drive sags
 
 
 def test_a_case_that_nothing_settles_counts_as_given_up(exam):
     folder, truths = exam(None)
-    follow_up(folder, naming(truths, 99, None), Here())
+    follow_up(folder, naming(truths, 99, None), InProcessExecutor())
     proposed, lot = ways(folder)
     assert proposed.settled == lot.settled == 0
     assert proposed.experiments == lot.experiments == MOST
@@ -82,11 +82,11 @@ def test_a_case_that_nothing_settles_counts_as_given_up(exam):
 
 def test_what_was_followed_is_not_followed_again(exam):
     folder, truths = exam(STROKE)
-    follow_up(folder, naming(truths, 2, STROKE), Here())
+    follow_up(folder, naming(truths, 2, STROKE), InProcessExecutor())
     before = ways(folder)
 
     def refuses(campaign: Path, into: Path) -> None:
         raise BadInput("asked again")
 
-    follow_up(folder, refuses, Here())
+    follow_up(folder, refuses, InProcessExecutor())
     assert ways(folder) == before

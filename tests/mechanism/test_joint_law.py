@@ -9,13 +9,13 @@ from typer.testing import CliRunner
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.cli.main import app
-from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.diagnosis.mechanisms.joint_law import _leave_out, measure_joint_law, parse_place
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.errors import BadInput
+from rfca_rig.executors.cores import algebra_on_one_thread
 from rfca_rig.mechanism.joint_law import JointLaw, compute_own_law
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import make_plant

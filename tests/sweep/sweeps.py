@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 
 from rfca_rig.clock import WallClock
-from rfca_rig.crew.form import Here
+from rfca_rig.executors.base import InProcessExecutor
 from rfca_rig.sweep.carrying_out import carry_out
 from rfca_rig.sweep.plan import SweepPlan
 from rfca_rig.sweep.typed_sweep import typed_plan
@@ -44,4 +44,4 @@ def dawdling(what: str, done: int, of: int) -> None:
 
 
 if __name__ == "__main__":
-    carry_out(small_plan(), Path(sys.argv[1]), Here(), Slow, dawdling)
+    carry_out(small_plan(), Path(sys.argv[1]), InProcessExecutor(), Slow, dawdling)

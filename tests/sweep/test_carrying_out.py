@@ -14,10 +14,10 @@ import h5py
 import numpy as np
 import pytest
 
-from rfca_rig.crew.form import Crew, Here, WorkerLost
-from rfca_rig.crew.local import crew
-from rfca_rig.crew.told import silent
 from rfca_rig.errors import BadInput
+from rfca_rig.executors.base import InProcessExecutor, TaskExecutor, WorkerLost
+from rfca_rig.executors.local import process_executor
+from rfca_rig.progress import silent
 from rfca_rig.recording.seal import is_broken
 from rfca_rig.sweep import outputs
 from rfca_rig.sweep.carrying_out import carry_out
@@ -34,10 +34,10 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture(scope="module")
 def unbroken(tmp_path_factory):
     folder = tmp_path_factory.mktemp("unbroken") / "sweep"
-    return carry_out(small_plan(), folder, Here(), Slow, silent), folder
+    return carry_out(small_plan(), folder, InProcessExecutor(), Slow, silent), folder
 
 
-class Backwards(Crew):
+class Backwards(TaskExecutor):
     """Does nothing until it has all of it, then the last first."""
 
     at_once = workers = 1000
@@ -54,7 +54,7 @@ class Backwards(Crew):
         return future
 
 
-class Losing(Here):
+class Losing(InProcessExecutor):
     """Whoever does case 7 dies of it."""
 
     def submit(self, fn, /, *args, **kwargs):
@@ -67,7 +67,7 @@ class Losing(Here):
 
 @pytest.mark.slow
 def test_workers_change_no_byte(unbroken, tmp_path):
-    with crew(2) as two:
+    with process_executor(2) as two:
         carry_out(small_plan(), tmp_path / "sweep", two, Slow, silent)
     assert content(tmp_path / "sweep") == content(unbroken[1])
     assert sorted(path.name for path in (tmp_path / "sweep").iterdir()) == ["plan.json", "sweep.csv", "sweep.h5"]
@@ -96,12 +96,12 @@ def test_a_stopped_sweep_goes_on_where_it_stood_to_the_same_bytes(unbroken, tmp_
         process.wait(timeout=120)
     else:
         with pytest.raises(KeyboardInterrupt):
-            carry_out(small_plan(), out, Here(), Slow, stopped_after(4))
+            carry_out(small_plan(), out, InProcessExecutor(), Slow, stopped_after(4))
     kept = {path: path.stat().st_mtime_ns for path in out.glob("shards/*.h5")}
     computed = sum(len(span_of(path)) for path in kept)
     assert 0 < computed < 12 and not (out / "sweep.h5").exists()
     told = []
-    carry_out(small_plan(), out, Here(), Slow, lambda *done: told.append(done))
+    carry_out(small_plan(), out, InProcessExecutor(), Slow, lambda *done: told.append(done))
     assert content(out) == content(unbroken[1])
     assert told[0] == ("cases", computed, 12)
 
@@ -117,7 +117,7 @@ def stopped_after(cases: int):
 def test_a_finished_sweep_is_read_and_not_computed(unbroken):
     result, folder = unbroken
     told = []
-    again = carry_out(small_plan(), folder, Here(), Slow, lambda *done: told.append(done))
+    again = carry_out(small_plan(), folder, InProcessExecutor(), Slow, lambda *done: told.append(done))
     assert told == [] and again.remarks == result.remarks
     np.testing.assert_array_equal(again.values, result.values)
 
@@ -153,16 +153,16 @@ def test_another_sweep_in_the_folder_is_refused(unbroken, tmp_path, monkeypatch)
     plan = small_plan()
     object.__setattr__(plan, "outputs", plan.outputs[:1])
     with pytest.raises(BadInput, match="holds a sweep with another outputs; give a new folder with --out, or remove this one"):
-        carry_out(plan, folder, Here(), Slow, silent)
+        carry_out(plan, folder, InProcessExecutor(), Slow, silent)
     (tmp_path / "notes.txt").touch()
     with pytest.raises(BadInput, match=r"holds notes.txt, which is of no sweep"):
-        carry_out(small_plan(), tmp_path, Here(), Slow, silent)
+        carry_out(small_plan(), tmp_path, InProcessExecutor(), Slow, silent)
     found = json.loads((folder / "plan.json").read_text())
     other = tmp_path / "older"
     other.mkdir()
     (other / "plan.json").write_text(json.dumps({**found, "made_with": {**found["made_with"], "numpy": "1.0"}}))
     with pytest.raises(BadInput, match="its sweep was made with another numpy, and results would not fit together"):
-        carry_out(small_plan(), other, Here(), Slow, silent)
+        carry_out(small_plan(), other, InProcessExecutor(), Slow, silent)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="without locks")
@@ -175,16 +175,16 @@ def test_two_at_once_in_one_folder_are_one_too_many(tmp_path):
 def test_a_damaged_shard_and_one_of_another_sweep_are_named(tmp_path):
     out = tmp_path / "sweep"
     with pytest.raises(KeyboardInterrupt):
-        carry_out(small_plan(), out, Here(), Slow, stopped_after(1))
+        carry_out(small_plan(), out, InProcessExecutor(), Slow, stopped_after(1))
     shard = next(out.glob("shards/*.h5"))
     whole = shard.read_bytes()
     shard.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(BadInput, match=rf"{shard.name}: cannot be read .*; remove it, and its cases are computed anew"):
-        carry_out(small_plan(), out, Here(), Slow, silent)
+        carry_out(small_plan(), out, InProcessExecutor(), Slow, silent)
     shard.unlink()
     Shards(out, "of another plan").write(span_of(shard), compute(small_plan(), span_of(shard)))
     with pytest.raises(BadInput, match=rf"{shard.name}: is of another sweep; remove it"):
-        carry_out(small_plan(), out, Here(), Slow, silent)
+        carry_out(small_plan(), out, InProcessExecutor(), Slow, silent)
 
 
 def span_of(shard: Path) -> Span:

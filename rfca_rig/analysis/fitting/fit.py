@@ -16,9 +16,9 @@ from rfca_rig.analysis.fitting.result import FitResult, Starts
 from rfca_rig.analysis.fitting.scatter import Whitening, found_scatter, whitening_of
 from rfca_rig.analysis.fitting.solver import Progress, Residuals, descend
 from rfca_rig.analysis.fitting.space import Space
-from rfca_rig.crew.doing import Failed, done
-from rfca_rig.crew.form import Crew
 from rfca_rig.errors import SimulationFailed
+from rfca_rig.executors.base import TaskExecutor
+from rfca_rig.executors.mapping import Failed, map_unordered
 
 Floats = NDArray[np.float64]
 
@@ -35,8 +35,8 @@ class Search:
     """How to search. `start` gives values to begin from, by parameter name; others begin where they are believed.
 
     With `starts` above 1, further ones are the best of a Sobol screen of the prior, shifted by `rng`.
-    `progress` is told the number of suppositions computed so far and the chi2 of the last one. A `crew` descends from several starts at
-    once, to the same bits.
+    `progress` is told the number of suppositions computed so far and the chi2 of the last one. An `executor` descends from several starts
+    at once, to the same bits.
     """
 
     starts: int = 1
@@ -44,7 +44,7 @@ class Search:
     rng: np.random.Generator | None = None
     most_evaluations: int = 60
     progress: Progress = _silent
-    crew: Crew | None = None
+    executor: TaskExecutor | None = None
 
 
 def fit(problem: Problem, space: Space[Supposed], search: Search | None = None, scatter: Mapping[str, float] | None = None) -> FitResult:
@@ -70,11 +70,11 @@ def fit(problem: Problem, space: Space[Supposed], search: Search | None = None, 
 
 def _descended(residuals: Residuals, starts: list[Floats], search: Search) -> list[OptimizeResult]:
     """The descents in the order of their starts. Raises SimulationFailed where one was lost."""
-    if search.crew is None:
+    if search.executor is None:
         return [descend(residuals, start, search.most_evaluations) for start in starts]
     found: dict[int, OptimizeResult] = {}
     descent = partial(_descent, _Travelling.of(residuals.space), residuals.problem, residuals.whitening, search.most_evaluations)
-    for (number, _), back in done(search.crew, descent, list(enumerate(starts))):
+    for (number, _), back in map_unordered(search.executor, descent, list(enumerate(starts))):
         if isinstance(back, Failed):
             raise SimulationFailed(f"the fit from start {number + 1} of {len(starts)} failed: {back.reason}")
         found[number], computed = back

@@ -22,8 +22,8 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import PHASES, Refused, StrokePhases
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.analysis.valley import valley_and_phases
-from rfca_rig.crew.cores import cores
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.executors.cores import cores
 from rfca_rig.model.stroke import SimulatedStroke
 from rfca_rig.nearest import suggestion
 from rfca_rig.recording.form import Stroke

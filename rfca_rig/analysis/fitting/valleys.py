@@ -14,8 +14,8 @@ from rfca_rig.analysis.fitting.parameters import Supposed, space_of
 from rfca_rig.analysis.fitting.result import FitResult
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.valley import Valley, find_valley
-from rfca_rig.crew.cores import cores
 from rfca_rig.errors import SimulationFailed
+from rfca_rig.executors.cores import cores
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import stroke_at_speed
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.crew.cores import cores
 from rfca_rig.diagnosis.data.observations import Observations, stacked
 from rfca_rig.diagnosis.simulator import ConditionData, Simulator
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.executors.cores import cores
 
 Floats = NDArray[np.float64]
 

@@ -4,7 +4,6 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 from rfca_rig.campaign.experiment import Experiment
-from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.data.dataset import make_dataset
@@ -18,6 +17,7 @@ from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.diagnosis.mechanisms.windows import MECHANISMS
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
+from rfca_rig.executors.cores import algebra_on_one_thread
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.effect import Effect

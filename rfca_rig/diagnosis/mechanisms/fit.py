@@ -7,7 +7,6 @@ import numpy as np
 
 from rfca_rig.analysis.fitting.space import Space
 from rfca_rig.campaign.experiment import Experiment
-from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
@@ -15,6 +14,7 @@ from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
 from rfca_rig.diagnosis.window_fit import WindowFit, WindowsOfCondition, fit_effects, summarize
 from rfca_rig.errors import BadInput
+from rfca_rig.executors.cores import algebra_on_one_thread
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.effect import Effect

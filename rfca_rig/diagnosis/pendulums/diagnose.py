@@ -5,7 +5,6 @@ from dataclasses import replace
 
 from rfca_rig.analysis.swings import TORQUE_ERROR, SwingProblem, swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign
-from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS, USUAL_ERROR
 from rfca_rig.diagnosis.decision.decide import Decision, decide
@@ -20,6 +19,7 @@ from rfca_rig.diagnosis.pendulums.windows import BIN_S, SWINGS, WINDOW_S, pendul
 from rfca_rig.diagnosis.residual_force.stated_law import OF_PENDULUM, check_place, measure_stated_law
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
+from rfca_rig.executors.cores import algebra_on_one_thread
 from rfca_rig.model.effect import Effect
 
 

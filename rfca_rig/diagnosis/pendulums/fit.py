@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 
 from rfca_rig.analysis.swings import SwingProblem, SwingWindow, shifted, swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign
-from rfca_rig.crew.cores import algebra_on_one_thread
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.pendulums.nuisances import of_pendulum, space_of_pendulum
 from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, pendulum_dataset, stretches_of
 from rfca_rig.diagnosis.window_fit import WindowFit, WindowsOfCondition, summarize
 from rfca_rig.errors import BadInput
+from rfca_rig.executors.cores import algebra_on_one_thread
 from rfca_rig.model.pendulum import Pendulum
 
 PENDULUM_FIT = "rfca-pendulum-fit/1"

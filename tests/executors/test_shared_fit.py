@@ -7,7 +7,7 @@ from rfca_rig.analysis.fitting.fit import Search
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.fitting.valleys import ValleyRow, fit_valleys
 from rfca_rig.analysis.valley import Valley
-from rfca_rig.crew.local import crew
+from rfca_rig.executors.local import process_executor
 from tests.model.legs import PAPER
 
 CONDITIONS = ((0.215, 2.433), (0.235, 3.276))
@@ -25,11 +25,11 @@ def test_a_fit_has_the_same_bits_wherever_its_starts_are_computed():
     rows = [stronger(*condition) for condition in CONDITIONS]
 
     def fitted(hands):
-        search = Search(starts=2, rng=np.random.default_rng(1), most_evaluations=2, crew=hands)
+        search = Search(starts=2, rng=np.random.default_rng(1), most_evaluations=2, executor=hands)
         return fit_valleys(PAPER, rows, ("k0", "friction"), {}, search)
 
     alone = fitted(None)
-    with crew(2) as two:
+    with process_executor(2) as two:
         shared = fitted(two)
     assert shared.x.tobytes() == alone.x.tobytes() and shared.covariance.tobytes() == alone.covariance.tobytes()
     assert (shared.starts, shared.evaluations) == (alone.starts, alone.evaluations)

@@ -12,11 +12,11 @@ from typing import Any, ParamSpec, TypeVar
 from weakref import ref
 
 from rfca_rig.clock import Clock, WallClock
-from rfca_rig.crew.extra import distributed
-from rfca_rig.crew.form import Crew, WorkerLost
-from rfca_rig.crew.terms import Facts, Terms, processor, ready
-from rfca_rig.crew.told import Told
 from rfca_rig.errors import BadInput, RigError
+from rfca_rig.executors.base import TaskExecutor, WorkerLost
+from rfca_rig.executors.environment import EnvironmentCheck, Facts, processor, ready
+from rfca_rig.executors.optional import distributed
+from rfca_rig.progress import Told
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -27,7 +27,7 @@ FIRST_WORKER_S = 2.5  # between two looks for the first worker
 
 
 @dataclass(frozen=True)
-class Hiring:
+class WorkerStartup:
     """What is known of workers to come: how many are expected, whom to tell how many there are, and `still_coming`, asked where there are
     none: it raises RigError where there will be none.
     """
@@ -37,12 +37,12 @@ class Hiring:
     still_coming: Callable[[], None]
 
 
-class Workers(Crew):
+class DaskExecutor(TaskExecutor):
     """The workers of a scheduler, each of one thread."""
 
     calm_after_loss_s = 5.0  # a job array whose time is over ends within it
 
-    def __init__(self, client: Any, terms: Terms, facts: Callable[[], Facts], hiring: Hiring, clock: Clock) -> None:
+    def __init__(self, client: Any, terms: EnvironmentCheck, facts: Callable[[], Facts], hiring: WorkerStartup, clock: Clock) -> None:
         self._client, self._terms, self._facts, self._hiring, self._clock = client, terms, facts, hiring, clock
         self._executor = client.get_executor(pure=False)
         self._counted_s, self._count = -inf, 0
@@ -125,13 +125,13 @@ class Workers(Crew):
             raise RigError("the scheduler is gone; the same command goes on where it stood") from None
 
 
-def _as_agreed(terms: Terms, facts: Callable[[], Facts], fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
+def _as_agreed(terms: EnvironmentCheck, facts: Callable[[], Facts], fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
     """In the worker: one that came late is looked at before its first work too."""
     ready(terms, facts)
     return fn(*args, **kwargs)
 
 
-def _checked(terms: Terms, facts: Callable[[], Facts]) -> str:
+def _checked(terms: EnvironmentCheck, facts: Callable[[], Facts]) -> str:
     """In the worker."""
     ready(terms, facts)
     return processor()
@@ -144,7 +144,7 @@ def _cancel_too(there: "ref[Future[T]]", here: Future[T]) -> None:
 
 
 @contextmanager
-def workers_of(scheduler: Any, folder: Path | None, facts: Callable[[], Facts], hiring: Hiring) -> Iterator[Workers]:
+def workers_of(scheduler: Any, folder: Path | None, facts: Callable[[], Facts], hiring: WorkerStartup) -> Iterator[DaskExecutor]:
     """A client of `scheduler`, an address or a cluster; `folder`, where work leaves files, must be seen by workers as well."""
     try:
         client = distributed().Client(scheduler, timeout=CONNECT_S, set_as_default=False)
@@ -152,20 +152,20 @@ def workers_of(scheduler: Any, folder: Path | None, facts: Callable[[], Facts], 
         raise BadInput(f"--cluster {scheduler}: no Dask scheduler answers there ({type(error).__name__})") from None
     with client, _token_in(folder) as token:
         shared = None if folder is None else str(folder.resolve())
-        yield Workers(client, Terms(facts(), shared, token), facts, hiring, WallClock())
+        yield DaskExecutor(client, EnvironmentCheck(facts(), shared, token), facts, hiring, WallClock())
 
 
 @contextmanager
 def connected(
     address: str, folder: Path | None, facts: Callable[[], Facts], told: Told, notice: Callable[[str], None]
-) -> Iterator[Workers]:
+) -> Iterator[DaskExecutor]:
     """The workers of a scheduler that runs already; they stay as they are. Raises BadInput where it does not answer."""
-    with workers_of(address, folder, facts, Hiring(1, told, lambda: None)) as crew:
-        if crew.count() == 0:
+    with workers_of(address, folder, facts, WorkerStartup(1, told, lambda: None)) as executor:
+        if executor.count() == 0:
             notice(f"{address} has no workers yet; waiting for the first")
-        crew.wait_for_first()
-        crew.check(notice)
-        yield crew
+        executor.wait_for_first()
+        executor.check(notice)
+        yield executor
 
 
 @contextmanager

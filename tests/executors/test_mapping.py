@@ -10,16 +10,16 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.crew.doing import Failed, done
-from rfca_rig.crew.form import Crew, Here, WorkerLost
-from rfca_rig.crew.local import crew
 from rfca_rig.errors import RigError
-from tests.crew import work
+from rfca_rig.executors.base import InProcessExecutor, TaskExecutor, WorkerLost
+from rfca_rig.executors.local import process_executor
+from rfca_rig.executors.mapping import Failed, map_unordered
+from tests.executors import work
 
 
 @pytest.fixture(scope="module")
 def two():
-    with crew(2) as processes:
+    with process_executor(2) as processes:
         yield processes
 
 
@@ -39,37 +39,37 @@ def begun(folder: Path) -> dict[int, int]:
 
 def test_the_same_bits_here_and_in_processes(two):
     seeds = range(12)
-    here = work.digest(dict(done(Here(), work.stroke, seeds)))
-    assert work.digest(dict(done(two, work.stroke, seeds))) == here
+    here = work.digest(dict(map_unordered(InProcessExecutor(), work.stroke, seeds)))
+    assert work.digest(dict(map_unordered(two, work.stroke, seeds))) == here
 
 
 def test_processes_use_one_thread_each(two):
-    assert {told for _, told in done(two, work.threads, range(4))} == {(1, "1")}
+    assert {told for _, told in map_unordered(two, work.threads, range(4))} == {(1, "1")}
 
 
 def test_what_raises_is_told_with_its_trace_and_the_rest_is_done(two):
-    results = dict(done(two, work.fails_at_three, range(6)))
+    results = dict(map_unordered(two, work.fails_at_three, range(6)))
     failed = results.pop(3)
     assert results == {number: 10 * number for number in (0, 1, 2, 4, 5)}
     assert isinstance(failed, Failed) and failed.reason == "ZeroDivisionError: three" and "fails_at_three" in failed.trace
 
 
 def test_a_piece_that_ends_its_process_twice_is_given_up_and_the_rest_is_done(two):
-    results = dict(done(two, work.kills_at_three, range(6)))
+    results = dict(map_unordered(two, work.kills_at_three, range(6)))
     failed = results.pop(3)
     assert results == {number: 10 * number for number in (0, 1, 2, 4, 5)}
     assert isinstance(failed, Failed) and failed.reason.startswith("2 workers were lost over it")
 
 
 def test_a_result_that_cannot_travel_is_the_fault_of_its_piece_only(two):
-    results = dict(done(two, work.returns_what_cannot_travel, range(6)))
+    results = dict(map_unordered(two, work.returns_what_cannot_travel, range(6)))
     assert isinstance(results.pop(3), Failed) and results == {number: number for number in (0, 1, 2, 4, 5)}
 
 
 def test_a_killed_process_costs_the_piece_that_it_had(two, tmp_path):
     killer = threading.Thread(target=kill_the_one_at, args=(tmp_path / "2",))
     killer.start()
-    results = {number: result for (_, number), result in done(two, work.slow, [(tmp_path, number) for number in range(6)])}
+    results = {number: result for (_, number), result in map_unordered(two, work.slow, [(tmp_path, number) for number in range(6)])}
     killer.join()
     assert results == {number: 10 * number for number in range(6)}
     assert begun(tmp_path) == {0: 1, 1: 1, 2: 2, 3: 1, 4: 1, 5: 1}
@@ -77,8 +77,8 @@ def test_a_killed_process_costs_the_piece_that_it_had(two, tmp_path):
 
 def test_nothing_is_left_running_when_the_block_ends_with_an_error(tmp_path):
     def stops_in_the_middle() -> None:
-        with crew(1) as process:
-            for _ in done(process, work.slow, [(tmp_path, number) for number in range(4)]):
+        with process_executor(1) as process:
+            for _ in map_unordered(process, work.slow, [(tmp_path, number) for number in range(4)]):
                 raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -90,7 +90,7 @@ def test_nothing_is_left_running_when_the_block_ends_with_an_error(tmp_path):
         time.sleep(0.05)
 
 
-class Recorded(Crew):
+class Recorded(TaskExecutor):
     """Does the work here, on a clock on which each piece takes 10 ms, and remembers how many came at once."""
 
     def __init__(self, lost: int = 0, error: Exception | None = None) -> None:
@@ -121,26 +121,28 @@ class Ticking(TwinClock):
 
 
 def test_short_pieces_travel_in_batches_of_a_second_and_the_last_ones_are_shared_out():
-    crew = Recorded()
-    assert sorted(done(crew, work.fails_at_three, range(4, 504), Ticking)) == [(number, 10 * number) for number in range(4, 504)]
-    assert crew.sizes[:2] == [1, 1] and max(crew.sizes) == 100 and crew.sizes[-1] == 1
-    assert sum(crew.sizes) == 500
+    executor = Recorded()
+    assert sorted(map_unordered(executor, work.fails_at_three, range(4, 504), Ticking)) == [
+        (number, 10 * number) for number in range(4, 504)
+    ]
+    assert executor.sizes[:2] == [1, 1] and max(executor.sizes) == 100 and executor.sizes[-1] == 1
+    assert sum(executor.sizes) == 500
 
 
 def test_a_lost_batch_is_done_again_piece_by_piece_and_no_piece_is_blamed_for_it():
-    crew = Recorded()
+    executor = Recorded()
     results = {}
-    for number, result in done(crew, work.fails_at_three, range(4, 104), Ticking):
+    for number, result in map_unordered(executor, work.fails_at_three, range(4, 104), Ticking):
         results[number] = result
-        if len(crew.sizes) == 4:
-            crew.lost = 1
-    lost = max(crew.sizes[4:7])
+        if len(executor.sizes) == 4:
+            executor.lost = 1
+    lost = max(executor.sizes[4:7])
     assert lost > 1 and results == {number: 10 * number for number in range(4, 104)}
-    assert sum(crew.sizes) == 100 + lost
+    assert sum(executor.sizes) == 100 + lost
 
 
 def test_lost_work_waits_until_the_crew_is_calm(monkeypatch):
-    monkeypatch.setattr("rfca_rig.crew.doing.LOOK_EVERY_S", 0.01)
+    monkeypatch.setattr("rfca_rig.executors.mapping.LOOK_EVERY_S", 0.01)
 
     class Second(TwinClock):
         """Each look at it takes a second."""
@@ -149,13 +151,13 @@ def test_lost_work_waits_until_the_crew_is_calm(monkeypatch):
             self.wait_until(super().now_s() + 1.0)
             return super().now_s()
 
-    crew = Recorded(lost=1)
-    crew.calm_after_loss_s = 30.0
-    began = [(number, result) for number, result in done(crew, work.fails_at_three, range(4, 10), Second)]
+    executor = Recorded(lost=1)
+    executor.calm_after_loss_s = 30.0
+    began = [(number, result) for number, result in map_unordered(executor, work.fails_at_three, range(4, 10), Second)]
     assert [number for number, _ in began] == [5, 6, 7, 8, 9, 4] and dict(began)[4] == 40
 
 
 def test_a_crew_that_is_no_more_ends_the_work():
-    crew = Recorded(lost=1, error=RigError("the scheduler is gone"))
+    executor = Recorded(lost=1, error=RigError("the scheduler is gone"))
     with pytest.raises(RigError, match="the scheduler is gone"):
-        list(done(crew, work.fails_at_three, range(3)))
+        list(map_unordered(executor, work.fails_at_three, range(3)))

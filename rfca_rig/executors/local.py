@@ -14,26 +14,26 @@ from multiprocessing.process import BaseProcess
 from threading import Lock, Thread, local
 from typing import Any, ParamSpec, TypeVar
 
-from rfca_rig.crew.cores import ONE_THREAD
-from rfca_rig.crew.form import Crew, Here, WorkerLost
+from rfca_rig.executors.base import InProcessExecutor, TaskExecutor, WorkerLost
+from rfca_rig.executors.cores import ONE_THREAD
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
 @contextmanager
-def crew(workers: int) -> Iterator[Crew]:
+def process_executor(workers: int) -> Iterator[TaskExecutor]:
     """`workers` processes; with 0 of them the work is done here.
 
     What is handed to a process must be importable by name. Processes end with the block, in the middle of their work where the block
     ends with an exception, and when this process dies. One that is lost is replaced.
     """
     if workers == 0:
-        yield Here()
+        yield InProcessExecutor()
         return
     others = set(active_children())
     with _one_thread_each():
-        processes = Processes(workers)
+        processes = ProcessExecutor(workers)
         try:
             yield processes
         except BaseException:
@@ -44,7 +44,7 @@ def crew(workers: int) -> Iterator[Crew]:
             processes.shutdown()
 
 
-class Processes(Crew):
+class ProcessExecutor(TaskExecutor):
     """A thread for each process hands it its work and waits for it."""
 
     def __init__(self, workers: int) -> None:

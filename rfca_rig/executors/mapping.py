@@ -1,4 +1,4 @@
-"""Many pieces of work handed to a crew, and their results as they come.
+"""Many pieces of work handed to an executor, and their results as they come.
 
 Short ones travel in batches of about a second, of more where workers are many, so that the way there and back costs little beside the
 work; a result that came is never computed again. A worker that is lost costs what it had in hands, which is handed out once more, piece
@@ -16,15 +16,15 @@ from queue import Empty, SimpleQueue
 from typing import Generic, TypeVar
 
 from rfca_rig.clock import Clock, WallClock
-from rfca_rig.crew.form import Crew, WorkerLost
 from rfca_rig.errors import RigError
+from rfca_rig.executors.base import TaskExecutor, WorkerLost
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 BATCH_S = 1.0  # what a batch takes at least,
 BATCH_PER_WORKER_S = 0.01  # and for each worker: to hand a batch out takes some milliseconds of one core
-LOOK_EVERY_S = 2.0  # how often the crew is looked at while nothing comes
+LOOK_EVERY_S = 2.0  # how often the executor is looked at while nothing comes
 LOST_TOO_OFTEN = 2  # workers that a piece of work may end
 
 
@@ -44,27 +44,31 @@ class _Back(Generic[Result]):
     seconds: float
 
 
-def done(
-    crew: Crew, work: Callable[[Item], Result], items: Sequence[Item], clocks: Callable[[], Clock] = WallClock, batch_s: float = BATCH_S
+def map_unordered(
+    executor: TaskExecutor,
+    work: Callable[[Item], Result],
+    items: Sequence[Item],
+    clocks: Callable[[], Clock] = WallClock,
+    batch_s: float = BATCH_S,
 ) -> Iterator[tuple[Item, Result | Failed]]:
     """Each item with what `work` made of it, in order of completion.
 
     `work` is importable by name, or a `partial` of such; what it returns may depend on its item only, seeds included: then the results
     depend neither on the number of workers nor on where they are. `clocks` times the batches, of `batch_s` or more; 0 for none. Raises
-    RigError where the crew is no more.
+    RigError where the executor is no more.
     """
     clock = clocks()
-    rest = _Rest(len(items), batch_s, crew.calm_after_loss_s)
+    rest = _Rest(len(items), batch_s, executor.calm_after_loss_s)
     running: dict[Future[_Back[Result]], Sequence[int]] = {}
     finished: SimpleQueue[Future[_Back[Result]]] = SimpleQueue()
     try:
         while running or rest:
-            while rest.has_ready(clock.now_s()) and len(running) < crew.at_once:
-                numbers = rest.batch(clock.now_s(), crew.workers)
-                future = crew.submit(partial(_together, work, clocks), [items[number] for number in numbers])
+            while rest.has_ready(clock.now_s()) and len(running) < executor.at_once:
+                numbers = rest.batch(clock.now_s(), executor.workers)
+                future = executor.submit(partial(_together, work, clocks), [items[number] for number in numbers])
                 running[future] = numbers
                 future.add_done_callback(finished.put)
-            if (back := _next(finished, crew)) is not None:
+            if (back := _next(finished, executor)) is not None:
                 numbers = running.pop(back)
                 yield from ((items[number], result) for number, result in rest.outcome(clock.now_s(), numbers, back))
     finally:
@@ -72,12 +76,12 @@ def done(
             future.cancel()
 
 
-def _next(finished: "SimpleQueue[Future[_Back[Result]]]", crew: Crew) -> Future[_Back[Result]] | None:
+def _next(finished: "SimpleQueue[Future[_Back[Result]]]", executor: TaskExecutor) -> Future[_Back[Result]] | None:
     """None where nothing came for a while."""
     try:
         return finished.get(timeout=LOOK_EVERY_S)
     except Empty:
-        crew.look()
+        executor.look()
         return None
 
 
@@ -117,7 +121,7 @@ class _Rest:
             raise RigError("the work was cancelled from outside; the same command goes on where it stood") from None
         except WorkerLost as lost:
             yield from self._after_loss(now_s, numbers, lost)
-        except RigError:  # the crew's own: what the work raises has come back as text
+        except RigError:  # the executor's own: what the work raises has come back as text
             raise
         except Exception as error:  # a result that cannot travel: whose it is shows when they are done one by one
             if len(numbers) == 1:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rfca_rig.crew.cores import cores
-from rfca_rig.crew.terms import facts_here
+from rfca_rig.executors.cores import cores
+from rfca_rig.executors.environment import facts_here
 from rfca_rig.model.stroke import stroke_at_speed
 from tests.model.legs import PAPER
 

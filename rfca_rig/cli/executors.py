@@ -1,4 +1,4 @@
-"""Who does the work of a command that consists of many simulations: options, and the crew they ask for."""
+"""Who does the work of a command that consists of many simulations: options, and the executor they ask for."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from rfca_rig.crew.form import Crew
-    from rfca_rig.crew.terms import Facts
+    from rfca_rig.executors.base import TaskExecutor
+    from rfca_rig.executors.environment import Facts
 
 Told = Callable[[str, int, int], None]
 
@@ -26,19 +26,19 @@ SLURM, ADDRESSES = "slurm:", ("tcp://", "tls://")
 
 
 @contextmanager
-def asked_crew(workers: int | None, cluster: str | None, told: Told, results: Path | None = None) -> "Iterator[Crew]":
-    """The crew that `--workers` and `--cluster` ask for; `results` is where the work leaves files, None where it leaves none.
+def open_executor(workers: int | None, cluster: str | None, told: Told, results: Path | None = None) -> "Iterator[TaskExecutor]":
+    """The executor that `--workers` and `--cluster` ask for; `results` is where the work leaves files, None where it leaves none.
 
-    Raises BadInput where there is no such crew, or workers are not as this process.
+    Raises BadInput where there is no such executor, or workers are not as this process.
     """
-    from rfca_rig.crew.cores import machine_cores
-    from rfca_rig.crew.local import crew
     from rfca_rig.errors import BadInput
+    from rfca_rig.executors.cores import machine_cores
+    from rfca_rig.executors.local import process_executor
 
     if cluster is not None and workers is not None:
         raise BadInput("--workers counts processes of this computer; how many --cluster has is decided where they are started")
     if cluster is None:
-        with crew(workers or machine_cores()) as here:
+        with process_executor(workers or machine_cores()) as here:
             yield here
     elif cluster.startswith(SLURM):
         with _hired(Path(cluster.removeprefix(SLURM)), told, results) as there:
@@ -50,16 +50,16 @@ def asked_crew(workers: int | None, cluster: str | None, told: Told, results: Pa
         raise BadInput(f"--cluster {cluster}: should be tcp://HOST:PORT or slurm:FILE")
 
 
-def _hired(file: Path, told: Told, results: Path | None) -> "AbstractContextManager[Crew]":
-    from rfca_rig.crew.slurm import hired_by_slurm
+def _hired(file: Path, told: Told, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
     from rfca_rig.description.cluster_file import read_cluster_file
+    from rfca_rig.executors.slurm import slurm_workers
 
     seen = _seen_by_all(results)
-    return hired_by_slurm(read_cluster_file(file), seen or Path(), seen, facts, told, _notice)
+    return slurm_workers(read_cluster_file(file), seen or Path(), seen, facts, told, _notice)
 
 
-def _connected(address: str, told: Told, results: Path | None) -> "AbstractContextManager[Crew]":
-    from rfca_rig.crew.cluster import connected
+def _connected(address: str, told: Told, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
+    from rfca_rig.executors.cluster import connected
 
     return connected(address, _seen_by_all(results), facts, told, _notice)
 
@@ -75,7 +75,7 @@ def _notice(line: str) -> None:
 
 def facts() -> "Facts":
     """What workers must have in common with this process: the effects of a lab among it."""
-    from rfca_rig.crew.terms import facts_here, source_hash
+    from rfca_rig.executors.environment import facts_here, source_hash
     from rfca_rig.model.catalogue import FOLDER_VARIABLE
 
     own = os.environ.get(FOLDER_VARIABLE)

@@ -1,4 +1,4 @@
-"""How many cores one process may use for its own threads. A worker of a crew uses one: the others are taken by its mates."""
+"""How many cores one process may use for its own threads. A worker of an executor uses one: the others are taken by its mates."""
 
 import os
 from collections.abc import Iterator

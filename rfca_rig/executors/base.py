@@ -17,7 +17,7 @@ class WorkerLost(Exception):
         self.times = times
 
 
-class Crew(Executor):
+class TaskExecutor(Executor):
     """An executor whose futures end in WorkerLost where a worker was lost; the others do not notice.
 
     Functions must be importable by name where the work is done, arguments and results picklable. Lost work is not handed out again before
@@ -40,7 +40,7 @@ class Crew(Executor):
         """Asked now and then while nothing comes back. Raises RigError where nothing will come any more."""
 
 
-class Here(Crew):
+class InProcessExecutor(TaskExecutor):
     """Does the work at once, in this process."""
 
     @property

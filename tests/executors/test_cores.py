@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import cho_factor
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from rfca_rig.crew.cores import algebra_on_one_thread
+from rfca_rig.executors.cores import algebra_on_one_thread
 
 
 def threads_of_algebra() -> set[int]:

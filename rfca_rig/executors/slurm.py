@@ -19,12 +19,12 @@ from tempfile import mkdtemp
 from threading import current_thread, main_thread
 from typing import Any
 
-from rfca_rig.crew.cluster import Hiring, Workers, workers_of
-from rfca_rig.crew.cores import ONE_THREAD
-from rfca_rig.crew.extra import distributed
-from rfca_rig.crew.terms import Facts
-from rfca_rig.crew.told import Told
 from rfca_rig.errors import BadInput, RigError
+from rfca_rig.executors.cluster import DaskExecutor, WorkerStartup, workers_of
+from rfca_rig.executors.cores import ONE_THREAD
+from rfca_rig.executors.environment import Facts
+from rfca_rig.executors.optional import distributed
+from rfca_rig.progress import Told
 
 DEATH_TIMEOUT_S = 60
 BESIDE_WORKERS_MB = 500  # what the process that watches over the workers of a job takes
@@ -89,9 +89,9 @@ class JobArray:
 
 
 @contextmanager
-def hired_by_slurm(
+def slurm_workers(
     array: JobArray, shared: Path, folder: Path | None, facts: Callable[[], Facts], told: Told, notice: Callable[[str], None]
-) -> Iterator[Workers]:
+) -> Iterator[DaskExecutor]:
     """The workers of a job array, which is cancelled when the block ends, however it ends.
 
     Its script, its keys and what its jobs print stand in a new folder in `shared`, which is left where the block ends with an error.
@@ -105,12 +105,12 @@ def hired_by_slurm(
         with (
             _ended_in_order(),
             _submitted(own / SCRIPT) as job,
-            workers_of(scheduler, folder, facts, Hiring(array.workers, told, partial(_there_may_be_some, job, own))) as crew,
+            workers_of(scheduler, folder, facts, WorkerStartup(array.workers, told, partial(_there_may_be_some, job, own))) as executor,
         ):
             notice(f"SLURM has job {job}, {array.jobs} times {array.workers_per_job} workers")
-            crew.wait_for_first()
-            crew.check(notice)
-            yield crew
+            executor.wait_for_first()
+            executor.check(notice)
+            yield executor
     rmtree(own)
 
 

@@ -10,16 +10,16 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.cli import proving
-from rfca_rig.crew.cluster import connected
-from rfca_rig.crew.doing import Failed, done
-from rfca_rig.crew.form import Here
-from rfca_rig.crew.terms import Terms
-from rfca_rig.crew.told import silent
 from rfca_rig.errors import BadInput
+from rfca_rig.executors.base import InProcessExecutor
+from rfca_rig.executors.cluster import connected
+from rfca_rig.executors.environment import EnvironmentCheck
+from rfca_rig.executors.mapping import Failed, map_unordered
+from rfca_rig.progress import silent
 from tests.cli.typed import typed
-from tests.crew import work
-from tests.crew.test_doing import begun, kill_the_one_at
 from tests.exam_cases.examinees import wants_more_data
+from tests.executors import work
+from tests.executors.test_mapping import begun, kill_the_one_at
 
 distributed = pytest.importorskip("distributed", reason='needs dask.distributed: pip install "rfca-rig[cluster]"')
 
@@ -39,32 +39,32 @@ def address():
 
 @pytest.fixture(scope="module")
 def workers(address):
-    with connected(address, None, work.facts, silent, print) as crew:
-        crew.calm_after_loss_s = 0.5
-        yield crew
+    with connected(address, None, work.facts, silent, print) as executor:
+        executor.calm_after_loss_s = 0.5
+        yield executor
 
 
 def test_the_same_bits_as_here(workers):
     seeds = range(12)
-    here = work.digest(dict(done(Here(), work.stroke, seeds)))
-    assert work.digest(dict(done(workers, work.stroke, seeds))) == here
+    here = work.digest(dict(map_unordered(InProcessExecutor(), work.stroke, seeds)))
+    assert work.digest(dict(map_unordered(workers, work.stroke, seeds))) == here
 
 
 def test_workers_use_one_thread_each(workers):
-    assert {told for _, told in done(workers, work.threads, range(4))} == {(1, "1")}
+    assert {told for _, told in map_unordered(workers, work.threads, range(4))} == {(1, "1")}
 
 
 def test_a_killed_worker_costs_the_piece_that_it_had(workers, tmp_path):
     killer = threading.Thread(target=kill_the_one_at, args=(tmp_path / "2",))
     killer.start()
-    results = {number: result for (_, number), result in done(workers, work.slow, [(tmp_path, number) for number in range(6)])}
+    results = {number: result for (_, number), result in map_unordered(workers, work.slow, [(tmp_path, number) for number in range(6)])}
     killer.join()
     assert results == {number: 10 * number for number in range(6)}
     assert begun(tmp_path) == {0: 1, 1: 1, 2: 2, 3: 1, 4: 1, 5: 1}
 
 
 def test_a_piece_that_ends_its_worker_twice_is_given_up_and_the_rest_is_done(workers):
-    results = dict(done(workers, work.kills_at_three, range(6)))
+    results = dict(map_unordered(workers, work.kills_at_three, range(6)))
     failed = results.pop(3)
     assert results == {number: 10 * number for number in (0, 1, 2, 4, 5)}
     assert isinstance(failed, Failed) and failed.reason.startswith("2 workers were lost over it")
@@ -118,7 +118,7 @@ def test_a_worker_with_another_version_is_refused_in_a_line(address):
 
 def test_a_worker_that_does_not_see_the_results_folder_does_not_meet_the_terms(tmp_path):
     facts = {"numpy": "2.0"}
-    terms = Terms(facts, str(tmp_path), ".seen-1")
+    terms = EnvironmentCheck(facts, str(tmp_path), ".seen-1")
     assert terms.unmet(facts) == f"{tmp_path} is not the same folder there; results must go where all computers see them"
     (tmp_path / ".seen-1").touch()
     assert terms.unmet(facts) is None
@@ -134,7 +134,7 @@ def test_a_worker_that_does_not_see_the_results_folder_does_not_meet_the_terms(t
     ],
 )
 def test_a_cluster_that_is_not_there_is_refused_in_a_line(monkeypatch, capsys, tmp_path, words, told):
-    monkeypatch.setattr("rfca_rig.crew.cluster.CONNECT_S", 0.5)
+    monkeypatch.setattr("rfca_rig.executors.cluster.CONNECT_S", 0.5)
     said = typed(monkeypatch, capsys, "prove", "--out", tmp_path / "exam", *words)
     assert said.exit_code == 2 and len(said.err.splitlines()) == 1 and told in said.err
     assert not (tmp_path / "exam").exists()

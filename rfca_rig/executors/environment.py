@@ -10,8 +10,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import rfca_rig
-from rfca_rig.crew.cores import ONE_THREAD
 from rfca_rig.errors import BadInput
+from rfca_rig.executors.cores import ONE_THREAD
 
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "distributed", "cloudpickle")
 LINEAR_ALGEBRA = "OPENBLAS_NUM_THREADS"
@@ -20,7 +20,7 @@ Facts = Mapping[str, str]
 
 
 @dataclass(frozen=True)
-class Terms:
+class EnvironmentCheck:
     """`facts` as they are here; `token` is the name of a file in the folder, which workers must see, where one is named."""
 
     facts: Facts
@@ -71,7 +71,7 @@ def _version(name: str) -> str:
         return "missing"
 
 
-def ready(terms: Terms, facts: Callable[[], Facts]) -> None:
+def ready(terms: EnvironmentCheck, facts: Callable[[], Facts]) -> None:
     """In a worker, before its first work. Raises BadInput, which names the worker's computer."""
     unmet = _unmet(terms.folder, terms.token, tuple(terms.facts.items()), facts)
     if unmet is not None:
@@ -84,4 +84,4 @@ def _unmet(folder: str | None, token: str, facts: tuple[tuple[str, str], ...], f
     """Looked at once in a process."""
     if os.environ.get(LINEAR_ALGEBRA) != "1":
         return f"linear algebra may use many threads there; start it with {LINEAR_ALGEBRA}=1"
-    return Terms(dict(facts), folder, token).unmet(facts_there())
+    return EnvironmentCheck(dict(facts), folder, token).unmet(facts_there())
