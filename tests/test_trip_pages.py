@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from rfca_rig.engine.approaching import Approaches
+from rfca_rig.engine.ramp_up import RampUp
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Approach
@@ -45,7 +45,7 @@ def test_an_example_is_made_by_a_fault_that_ends_so(code):
 def said_of_full_speed(tmp_path):
     limits = twin_rig().facts().limits
     approach = Approach(0.215, 3.0, 4.0, 0.05, 3.5)
-    approaches = Approaches(limits, {})
+    approaches = RampUp(limits, {})
     approaches.take(replace(approach, speed_rad_s=2.0), Load(110.0, 1.0))
     approaches.take(approach, Load(210.0, 1.0))
 

@@ -11,8 +11,8 @@ from rfca_rig.cli.terminal import Say
 from rfca_rig.clock import TwinClock, WatchedTwinClock
 from rfca_rig.drivers.roles import StreamHealth
 from rfca_rig.engine.bench import Bench
-from rfca_rig.engine.onlooker import NOBODY, Onlooker
-from rfca_rig.engine.wishes import Wishes
+from rfca_rig.engine.observer import NULL_OBSERVER, RunObserver
+from rfca_rig.engine.stop_request import StopRequest
 from rfca_rig.errors import RigError, Tripped
 from rfca_rig.recording.keeper import Keeper
 from rfca_rig.view.live_view import LiveView
@@ -32,7 +32,7 @@ def twin_clock(order: Order) -> TwinClock:
 class LookedOn:
     """A run's view, or none."""
 
-    def __init__(self, order: Order, bench: Bench, wishes: Wishes) -> None:
+    def __init__(self, order: Order, bench: Bench, stop_request: StopRequest) -> None:
         """Raises BadInput for a port that is taken, RigError where the view cannot be started."""
         self._bench = bench
         self._mark = order.mark
@@ -41,12 +41,12 @@ class LookedOn:
         self._view: LiveView | None = None
         if order.viewing is not None:
             facts = run_facts(order.plan, order.mark, bench.sensor.scale(), order.believes.believed())
-            self._view = LiveView(facts, order.plan, wishes, self._vitals, self._tell, order.viewing.port)
+            self._view = LiveView(facts, order.plan, stop_request, self._vitals, self._tell, order.viewing.port)
             typer.echo(f"{order.mark} watch the run, and stop it, at {self._view.url}", err=True)
 
     @property
-    def onlooker(self) -> Onlooker:
-        return NOBODY if self._view is None else self._view.tap
+    def observer(self) -> RunObserver:
+        return NULL_OBSERVER if self._view is None else self._view.run_queue
 
     def _vitals(self) -> tuple[StreamHealth, int]:
         return self._bench.sensor.health(), 0 if self._keeper is None else self._keeper.backlog_bytes
@@ -67,7 +67,7 @@ class LookedOn:
 
         def aloud(line: str) -> None:
             say(line)
-            view.tap.line(line)
+            view.run_queue.line(line)
 
         return aloud
 
@@ -75,7 +75,7 @@ class LookedOn:
         """The motor is off, because of the error, or because all was done."""
         if self._view is None:
             return
-        self._view.tap.ended(Outcome.of(error).why, str(error.code) if isinstance(error, Tripped) else "")
+        self._view.run_queue.ended(Outcome.of(error).why, str(error.code) if isinstance(error, Tripped) else "")
         if not self._view.is_alive:
             typer.echo(f"{self._mark} the view had ended by itself, which the run did not notice; RFCA_RIG_DEBUG=1 shows why", err=True)
 
@@ -86,9 +86,9 @@ class LookedOn:
 
 
 @contextmanager
-def looked_on(order: Order, bench: Bench, wishes: Wishes) -> Iterator[LookedOn]:
+def looked_on(order: Order, bench: Bench, stop_request: StopRequest) -> Iterator[LookedOn]:
     """For the length of the block. Raises as LookedOn does."""
-    looking = LookedOn(order, bench, wishes)
+    looking = LookedOn(order, bench, stop_request)
     try:
         yield looking
     finally:

@@ -45,7 +45,7 @@ def _record(order: Order, supervision: Supervision, on_stage: Callable[[Stage, R
     folder = order.begun.folder if order.begun else new_run_folder(order.runs, order.mark, order.plan.title)
     with (
         open_bench(order.rig, order.twin_seed, order.eye, twin_clock(order), order.faults) as bench,
-        looked_on(order, bench, supervision.wishes) as looking,
+        looked_on(order, bench, supervision.stop_request) as looking,
     ):
         armed = prove_drive(order, bench) if bench.is_real else {}
         open_folder(order, folder, bench)
@@ -63,8 +63,8 @@ def _record(order: Order, supervision: Supervision, on_stage: Callable[[Stage, R
                     recorder.note("run begins", title=order.plan.title, source=order.mark)
                 if armed:
                     recorder.note("armed", **armed)
-                with heard(supervision.wishes, say):
-                    run_plan(order.plan, bench, recorder, progress, replace(supervision, onlooker=looking.onlooker))
+                with heard(supervision.stop_request, say):
+                    run_plan(order.plan, bench, recorder, progress, replace(supervision, observer=looking.observer))
                 looking.over(None)
                 note_end(recorder, "done")
             except RigError as error:

@@ -21,7 +21,7 @@ class MotorMoves(MotorHooks):
 
     def test_enabling_moves_nothing_even_where_a_stale_set_point_waits_in_the_drive(self) -> None:
         with self.rig(Rotor(angle_rad=1.2)) as rig:
-            self.leave_stale_set_point(rig.onlooker)
+            self.leave_stale_set_point(rig.observer)
             rig.motor.enable()
             shaft = rig.run(0.2, angle_rad=1.2)
             angles_rad = np.array([angle_rad for _, angle_rad, _ in rig.turned])
@@ -128,11 +128,11 @@ class MotorMoves(MotorHooks):
     def test_a_command_that_is_no_number_is_refused_and_not_sent(self, value: float) -> None:
         with self.rig() as rig:
             rig.motor.enable()
-            drained(rig.onlooker)
+            drained(rig.observer)
             for act in (rig.motor.command_speed, rig.motor.command_angle):
                 with pytest.raises(DeviceError, match="nothing was sent"):
                     act(value)
-            assert drained(rig.onlooker) == []
+            assert drained(rig.observer) == []
 
     # -- reading -------------------------------------------------------------------------------------------------------------
 

@@ -21,14 +21,14 @@ TICK_S = 2e-3
 
 @dataclass
 class MotorRig:
-    """`wire` is the driver's end of the bus, `onlooker` hears and may say everything; `turned` is the rotor's true motion."""
+    """`wire` is the driver's end of the bus, `observer` hears and may say everything; `turned` is the rotor's true motion."""
 
     clock: TwinClock
     rotor: Rotor
     motor: ShaftMotor
     twin: Any
     wire: CanEnd
-    onlooker: can.BusABC
+    observer: can.BusABC
     turned: list[tuple[float, float, float]] = field(default_factory=list)
 
     def run(
@@ -65,8 +65,8 @@ def motor_rig(
     driver: Callable[[can.BusABC, Clock], ShaftMotor], twin: Callable[[can.BusABC], Any], rotor: Rotor | None = None
 ) -> Iterator[MotorRig]:
     rotor, clock = rotor or Rotor(), TwinClock()
-    with can_wire(ends=3) as (drivers_end, twins_end, onlooker):
+    with can_wire(ends=3) as (drivers_end, twins_end, observer):
         drive = twin(twins_end)
         sensor = NetFtTwin(datagram_link()[1], NetFtTwinSettings(), np.random.default_rng(1))
         clock.carry(TwinWorld(rotor, drive, sensor).process)
-        yield MotorRig(clock, rotor, driver(drivers_end, clock), drive, drivers_end, onlooker)
+        yield MotorRig(clock, rotor, driver(drivers_end, clock), drive, drivers_end, observer)

@@ -143,7 +143,7 @@ class MotorStops(MotorHooks):
             rig.motor.enable()
             rig.run(0.1, angle_rad=0.3)
             for data, passive in (([0, 0x20, 0, 0, 0, 0, 136, 0], True), ([0, 0x40, 0, 0, 0, 0, 90, 0], False)):
-                rig.onlooker.send(can.Message(arbitration_id=0x204, data=data, is_error_frame=True, is_extended_id=False))
+                rig.observer.send(can.Message(arbitration_id=0x204, data=data, is_error_frame=True, is_extended_id=False))
                 rig.run(0.01, angle_rad=0.3)
                 assert bool(re.search("error-passive, .* counters 136 and 0", rig.motor.status().fault or "")) == passive
             assert rig.motor.identity()["can_error_frames"] == "2"

@@ -7,11 +7,11 @@ import numpy as np
 
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, ShaftSamples
 from rfca_rig.engine.bench import Bench
-from rfca_rig.engine.onlooker import NOBODY, Onlooker, Tick
-from rfca_rig.engine.tap import Listener, Tap
-from rfca_rig.engine.watch import Watch
-from rfca_rig.engine.watches.shaft import Tracking
-from rfca_rig.engine.wishes import Wishes
+from rfca_rig.engine.limit_monitor import LimitMonitor
+from rfca_rig.engine.monitors.shaft import Tracking
+from rfca_rig.engine.observer import NULL_OBSERVER, RunObserver, Tick
+from rfca_rig.engine.sample_collector import Listener, SampleCollector
+from rfca_rig.engine.stop_request import StopRequest
 from rfca_rig.errors import DeviceError, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
@@ -28,14 +28,16 @@ class Loop:
     operator wants at once, is raised at the end of a tick; after `end` no command leaves any more.
     """
 
-    def __init__(self, bench: Bench, limits: Limits, wishes: Wishes | None = None, onlooker: Onlooker = NOBODY) -> None:
+    def __init__(
+        self, bench: Bench, limits: Limits, stop_request: StopRequest | None = None, observer: RunObserver = NULL_OBSERVER
+    ) -> None:
         self._bench = bench
-        self._onlooker = onlooker
+        self._observer = observer
         scale = bench.sensor.scale()
         self._counts_per_unit = np.repeat([scale.counts_per_N, scale.counts_per_Nm], 3)
         self._limits = limits
-        self._wishes = wishes or Wishes()
-        self._watch = Watch(limits, scale, bench.clock.now_s())
+        self._stop_request = stop_request or StopRequest()
+        self._monitor = LimitMonitor(limits, scale, bench.clock.now_s())
         self._listeners: list[Listener] = []
         self._wrench = np.full(6, np.nan)
         self._is_over = False
@@ -61,16 +63,16 @@ class Loop:
     @property
     def peak(self) -> Load:
         """The largest load since the stage began."""
-        return self._watch.peak
+        return self._monitor.peak
 
     @property
     def is_to_end(self) -> bool:
         """Whether the operator wants a stop at the next safe point; one that cannot wait is raised by the tick."""
-        return bool(self._wishes.wish)
+        return bool(self._stop_request.level)
 
     def expect(self, load: Load | None) -> None:
         """A stage begins in which the sensor is expected to feel at most so much; None where nobody knows."""
-        self._watch.expect(load)
+        self._monitor.expect(load)
 
     def end(self) -> None:
         """Nothing is commanded through this loop any more."""
@@ -79,7 +81,7 @@ class Loop:
     def begin(self) -> None:
         """Waits for the first report of the shaft, and takes that as the target. Old watches are forgotten."""
         started_s = self._tick_s = self._woke_s = self._bench.clock.now_s()
-        self._watch = Watch(self._limits, self._bench.sensor.scale(), started_s)
+        self._monitor = LimitMonitor(self._limits, self._bench.sensor.scale(), started_s)
         while not self._read():
             self._tick_s += FIRST_LOOK_S
             self._bench.clock.wait_until(self._tick_s)
@@ -116,7 +118,7 @@ class Loop:
         gap_s, self._woke_s = now_s - self._woke_s, now_s
         self._late_s = gap_s - period_s
         self.worst_gap_s = max(self.worst_gap_s, gap_s)
-        self._watch.gap(gap_s, period_s)
+        self._monitor.gap(gap_s, period_s)
 
     def _refuse_if_over(self) -> None:
         if self._is_over:
@@ -127,15 +129,15 @@ class Loop:
         self._read()
         now = Tracking(target_rad, self.angle_rad, target_speed_rad_s, self.speed_rad_s)
         self._status = self._bench.motor.status()
-        self._watch.motion(self.now_s, self._status, now)
-        self._wishes.obey_now()
+        self._monitor.motion(self.now_s, self._status, now)
+        self._stop_request.obey_now()
 
     def _read(self) -> bool:
         shaft, force = self._hear()
         for listener in self._listeners:
             listener(shaft, force)
         self._show(shaft, force)
-        self._watch.reports(self.now_s, shaft, force)
+        self._monitor.reports(self.now_s, shaft, force)
         self._remember_force(force)
         if len(shaft.angle_rad):
             self.angle_rad, self.speed_rad_s = float(shaft.angle_rad[-1]), float(shaft.speed_rad_s[-1])
@@ -143,7 +145,7 @@ class Loop:
 
     def _show(self, shaft: ShaftSamples, force: ForceSamples) -> None:
         target = self.target_rad, self._target_speed_rad_s
-        self._onlooker.tick(Tick(self.now_s, shaft, force, *target, self._late_s, self.worst_gap_s, self._status))
+        self._observer.tick(Tick(self.now_s, shaft, force, *target, self._late_s, self.worst_gap_s, self._status))
 
     def _hear(self) -> tuple[ShaftSamples, ForceSamples]:
         with on_the_bus():
@@ -158,11 +160,11 @@ class Loop:
             self._wrench = force.counts.mean(axis=0) / self._counts_per_unit
 
     @contextmanager
-    def recorded(self, listener: Listener) -> Iterator[Tap]:
-        """Everything the devices report inside the block goes into the tap, and through it to the listener."""
-        tap = Tap(listener)
-        with self.heard(tap.take):
-            yield tap
+    def recorded(self, listener: Listener) -> Iterator[SampleCollector]:
+        """Everything the devices report inside the block goes into the collector, and through it to the listener."""
+        collector = SampleCollector(listener)
+        with self.heard(collector.take):
+            yield collector
 
     @contextmanager
     def heard(self, listener: Listener) -> Iterator[None]:

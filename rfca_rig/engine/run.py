@@ -3,16 +3,16 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from rfca_rig.engine.approaching import Approaches
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.cycling import cycle
 from rfca_rig.engine.loop import Loop
-from rfca_rig.engine.onlooker import NOBODY, Onlooker
+from rfca_rig.engine.observer import NULL_OBSERVER, RunObserver
+from rfca_rig.engine.ramp_up import RampUp
 from rfca_rig.engine.settling import settle
 from rfca_rig.engine.sink import Sink
 from rfca_rig.engine.stages import TICK_S, approach, flap, hold, move
+from rfca_rig.engine.stop_request import StopLevel, StopRequest
 from rfca_rig.engine.stopping import UNSEEN, ease, stop, switch_off
-from rfca_rig.engine.wishes import Wish, Wishes
 from rfca_rig.errors import RigError, Stopped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.cycles import Cycles
@@ -24,20 +24,20 @@ Progress = Callable[[Stage], None]
 
 @dataclass(frozen=True)
 class Supervision:
-    """What a run is watched with besides the plan's limits: the load that the model expects of each stage, the operator's wishes.
+    """What a run is watched with besides the plan's limits: the load that the model expects of each stage, the operator's stop_request.
 
-    The onlooker sees all, and decides nothing.
+    The observer sees all, and decides nothing.
     """
 
     expected: Mapping[Stage, Load] = field(default_factory=dict)
-    wishes: Wishes = field(default_factory=Wishes)
-    onlooker: Onlooker = NOBODY
+    stop_request: StopRequest = field(default_factory=StopRequest)
+    observer: RunObserver = NULL_OBSERVER
 
 
 def run_plan(plan: Plan, bench: Bench, sink: Sink, progress: Progress, supervision: Supervision | None = None) -> None:
     """Carries out every stage, the first of which is a SetHeight; `progress` is called after each.
 
-    Raises Tripped, DeviceError, or Stopped (the operator's wish). However it ends, the motor is without torque then, and what
+    Raises Tripped, DeviceError, or Stopped (as the operator requested). However it ends, the motor is without torque then, and what
     the sink was given is whole.
     """
     run = _Run(plan, bench, sink, supervision or Supervision())
@@ -57,31 +57,31 @@ class _Run:
         self._bench = bench
         self._sink = sink
         self._expected = supervision.expected
-        self._wishes = supervision.wishes
-        self._onlooker = supervision.onlooker
-        self._loop = Loop(bench, plan.limits, supervision.wishes, supervision.onlooker)
-        self._approaches = Approaches(plan.limits, supervision.expected)
+        self._stop_request = supervision.stop_request
+        self._observer = supervision.observer
+        self._loop = Loop(bench, plan.limits, supervision.stop_request, supervision.observer)
+        self._approaches = RampUp(plan.limits, supervision.expected)
         self._is_cut_short = False
 
     def carry_out(self, progress: Progress) -> None:
         try:
             for stage in self._until_wished():
-                self._wishes.is_ticking = not isinstance(stage, SetHeight)
+                self._stop_request.is_ticking = not isinstance(stage, SetHeight)
                 self._loop.expect(self._expected.get(stage))
-                self._onlooker.stage(stage, self._expected.get(stage))
+                self._observer.stage(stage, self._expected.get(stage))
                 self._carry_out(stage)
                 progress(stage)
             self._halt()
         except Stopped:
-            if self._wishes.wish == Wish.EASE:
+            if self._stop_request.level == StopLevel.RAMP_DOWN:
                 self._ease()
             raise
         if self._is_cut_short:
-            self._wishes.obey_at_safe_point()
+            self._stop_request.obey_at_safe_point()
 
     def stop(self) -> None:
         """The way out of every run."""
-        self._wishes.is_over = True
+        self._stop_request.is_over = True
         self._loop.end()
         standstill = UNSEEN
         try:
@@ -90,10 +90,10 @@ class _Run:
             self._sink.off(self._loop.worst_gap_s, standstill)
 
     def _until_wished(self) -> Iterator[Stage]:
-        """The plan's stages; once a stop is wished for, only those that bring the leg into the air."""
+        """The plan's stages; once a stop is requested, only those that bring the leg into the air."""
         stages = self._plan.stages
         for number, stage in enumerate(stages):
-            if self._wishes.wish:
+            if self._stop_request.level:
                 self._is_cut_short = True
                 yield from way_to_safety(stages[:number], stages[number:])
                 return
@@ -126,9 +126,9 @@ class _Run:
         """Hands come near the leg, so the motor is without torque meanwhile; afterwards it holds where it finds the shaft."""
         switch_off(self._bench)
         self._bench.rack.set_height(stage.height_m)
-        self._onlooker.energising()
-        if self._wishes.wish:
-            self._wishes.obey_at_safe_point()
+        self._observer.energising()
+        if self._stop_request.level:
+            self._stop_request.obey_at_safe_point()
         self._bench.sensor.start()
         self._bench.motor.enable()
         self._loop.begin()
@@ -139,8 +139,8 @@ class _Run:
 
     def _ease(self) -> None:
         """No emergency: the shaft is slowed down before it loses its torque. What trips meanwhile only ends that sooner."""
-        self._wishes.is_over = True
+        self._stop_request.is_over = True
         try:
             ease(self._loop)
         except RigError as error:
-            raise Stopped(f"{self._wishes.why}; while it slowed down: {error}") from None
+            raise Stopped(f"{self._stop_request.why}; while it slowed down: {error}") from None

@@ -69,7 +69,7 @@ class Sink(Protocol):
         """One of a stage's cycles is done."""
 
     def cycles(self, stage: Cycles) -> None:
-        """A stage of cycles is done, or was ended between two of them as the operator wished."""
+        """A stage of cycles is done, or was ended between two of them as the operator requested."""
 
     def rested(self, wrench: np.ndarray) -> None:
         """The leg hangs still at the start angle, where the sensor feels its weight and nothing else; (6,) in N and N m."""

@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterator
 
 from rfca_rig.drivers.roles import Photographer
-from rfca_rig.engine.exposure import Exposure
 from rfca_rig.engine.loop import Loop
+from rfca_rig.engine.photo_capture import PhotoCapture
 from rfca_rig.engine.settling import PERIOD_S as HOLD_PERIOD_S
 from rfca_rig.engine.settling import settle
 from rfca_rig.engine.sink import Recorded, Sink
@@ -47,14 +47,14 @@ def flap(loop: Loop, stage: Flap, sink: Sink) -> Recorded:
     turns_rad = TURN_RAD * round(loop.target_rad / TURN_RAD)
     hold_rad = loop.target_rad
     sink.begin(stage)
-    with loop.recorded(sink.take) as tap:
+    with loop.recorded(sink.take) as collector:
         for _ in range(round(stage.before_s / TICK_S)):
             loop.to_angle(hold_rad, 0.0, TICK_S)
         start_s = loop.now_s
         sink.start(start_s, turns_rad)
         _sweep(loop, stage)
     _stop_in_the_air(loop, stage)
-    return Recorded(tap.shaft(), tap.force(), start_s, turns_rad, settled=True)
+    return Recorded(collector.shaft(), collector.force(), start_s, turns_rad, settled=True)
 
 
 def approach(loop: Loop, stage: Approach) -> None:
@@ -91,15 +91,15 @@ def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None
     turns_rad = TURN_RAD * round((target_rad - stage.angle_rad) / TURN_RAD)
     sink.begin(stage)
     sink.start(start_s, turns_rad)
-    exposure = Exposure(camera if timing.photo_limit_s > 0 else None, loop.now_s, timing.photo_limit_s)
-    with loop.recorded(sink.take) as tap:
+    exposure = PhotoCapture(camera if timing.photo_limit_s > 0 else None, loop.now_s, timing.photo_limit_s)
+    with loop.recorded(sink.take) as collector:
         _stand(loop, target_rad, timing.average_s)
     while exposure.is_under_way(loop.now_s):
         loop.to_angle(target_rad, 0.0, HOLD_PERIOD_S)
-    shaft = tap.shaft()
+    shaft = collector.shaft()
     if not len(shaft.angle_rad):
         raise Tripped(Trip.ENCODER_SILENT, f"no report of the shaft's angle in the {timing.average_s:g} s of {stage.label}")
-    return Recorded(shaft, tap.force(), start_s, turns_rad, settled.reached, exposure.photo, exposure.fault, start_s - stopped_s)
+    return Recorded(shaft, collector.force(), start_s, turns_rad, settled.reached, exposure.photo, exposure.fault, start_s - stopped_s)
 
 
 def _stand(loop: Loop, target_rad: float, duration_s: float) -> None:

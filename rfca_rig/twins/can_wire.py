@@ -43,7 +43,7 @@ class CanEnd(can.BusABC):
 
 @contextmanager
 def can_wire(name: str = "twin CAN wire", ends: int = 2) -> Iterator[tuple[CanEnd, ...]]:
-    """The ends of a wire of its own: the driver's, the twin's, and where wanted those of onlookers. Shut when the block ends."""
+    """The ends of a wire of its own: the driver's, the twin's, and where wanted those of observers. Shut when the block ends."""
     wire: list[CanEnd] = []
     with ExitStack() as stack:
         for _ in range(ends):

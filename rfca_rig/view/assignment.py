@@ -11,7 +11,7 @@ READY, FAILED = "ready", "failed"
 
 @dataclass(frozen=True)
 class Assignment:
-    """Which run to show, and where; port 0 is any that is free. `clock` is the tap's: both read the machine's."""
+    """Which run to show, and where; port 0 is any that is free. `clock` is that of the run's queue: both read the machine's."""
 
     facts: RunFacts
     queue_name: str

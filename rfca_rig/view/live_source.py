@@ -1,4 +1,4 @@
-"""A run that goes on, at the view's end: takes what the tap hands over, and says it as the page takes it."""
+"""A run that goes on, at the view's end: takes what the queue hands over, and says it as the page takes it."""
 
 import json
 from collections import deque
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.engine.wishes import Wish
+from rfca_rig.engine.stop_request import StopLevel
 from rfca_rig.protocol.check import Load
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import Block, Kind, whole_blocks
@@ -29,7 +29,7 @@ WAITS_S = 0.1  # for the slower of the two streams
 SILENT_S = 0.25  # longer than a loop is late on a busy machine: what came after a bucket was closed is drawn too far to the right
 FLUSH_S = 0.008
 LINES = 12
-WISHES = {"safe point": Wish.SAFE_POINT, "now": Wish.LET_GO}
+STOP_LEVELS = {"safe point": StopLevel.SAFE_POINT, "now": StopLevel.TORQUE_OFF}
 DONE = "done"
 SILENT_END = "the run's process ended without a word"
 FORCE, SHAFT = slice(0, len(WRENCH)), slice(len(WRENCH), len(CHANNELS))
@@ -39,7 +39,7 @@ class LiveSource:
     """`look` takes everything that came; afterwards `pyramid`, `state` and `leg` are up to date."""
 
     def __init__(self, facts: RunFacts, queue: BlockQueue, clock: Clock, legs: Legs) -> None:
-        """`clock` is the tap's."""
+        """`clock` is that of the run's queue."""
         self._facts = facts
         self._queue = queue
         self._clock = clock
@@ -77,11 +77,11 @@ class LiveSource:
 
     def stop(self, how: str) -> bool:
         """Asks the run for a stop; False where there is nothing to stop any more. Raises LookupError for an unknown way to."""
-        wish = WISHES[how]
+        level = STOP_LEVELS[how]
         if self.is_over:
             return False
-        if wish > self._queue.acknowledged:
-            self._queue.tell(wish, False)
+        if level > self._queue.acknowledged:
+            self._queue.tell(level, False)
             self._asked = how
         return True
 

@@ -5,14 +5,14 @@ from importlib.util import find_spec
 
 from rfca_rig import own_process
 from rfca_rig.clock import WallClock
-from rfca_rig.engine.wishes import Wishes
+from rfca_rig.engine.stop_request import StopRequest
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.view.access_token import new_token
 from rfca_rig.view.assignment import MODULE, READY, Assignment
 from rfca_rig.view.run_facts import RunFacts
-from rfca_rig.view.tap import Tap, Vitals
+from rfca_rig.view.run_queue import RunQueue, Vitals
 
 HOST = "127.0.0.1"
 QUEUE_BYTES = 4 << 20  # 6 s of a sensor at 15 kHz
@@ -39,19 +39,21 @@ def check_live_view() -> None:
 
 
 class LiveView:
-    """One run's. `tap` is the onlooker for its supervision, `url` what the operator opens. To be closed when the motor is off.
+    """One run's. `run_queue` is the observer for its supervision, `url` what the operator opens. To be closed when the motor is off.
 
     A view that ends by itself costs the run nothing; `is_alive` tells.
     """
 
-    def __init__(self, facts: RunFacts, plan: Plan, wishes: Wishes, vitals: Vitals, told: Callable[[str], None], port: int) -> None:
-        """Returns when the page can be opened; `port` 0 is any that is free. `vitals` and `told` are the tap's.
+    def __init__(
+        self, facts: RunFacts, plan: Plan, stop_request: StopRequest, vitals: Vitals, told: Callable[[str], None], port: int
+    ) -> None:
+        """Returns when the page can be opened; `port` 0 is any that is free. `vitals` and `told` are those of the run's queue.
 
         Raises BadInput for a port that is taken, RigError where the view cannot be started.
         """
         clock, token = WallClock(), new_token()
         self._queue = BlockQueue.create(QUEUE_BYTES)
-        self.tap = Tap(self._queue, plan.stages, wishes, clock, vitals, told)
+        self.run_queue = RunQueue(self._queue, plan.stages, stop_request, clock, vitals, told)
         try:
             self._process, self._child = own_process.started(MODULE, Assignment(facts, self._queue.name, clock, port, token))
         except OSError as error:

@@ -81,7 +81,7 @@ class Pages:
                 await ear
 
     async def stop(self, request: Request) -> Response:
-        """A wish, for the one way to stop that a run has."""
+        """A stop request, for the one way to stop that a run has."""
         try:
             is_asked = self._source.stop((await _said(request))["how"])
         except (LookupError, TypeError, ValueError):

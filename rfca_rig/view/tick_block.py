@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.engine.onlooker import Tick
+from rfca_rig.engine.observer import Tick
 from rfca_rig.recording.journal import Block, Kind
 from rfca_rig.view.decimation import Floats, Numbers
 

@@ -31,9 +31,9 @@ from rfca_rig.bench.recorder import Recorder
 from rfca_rig.clock import Clock
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
-from rfca_rig.engine.onlooker import NOBODY, Onlooker, Tick
+from rfca_rig.engine.observer import NULL_OBSERVER, RunObserver, Tick
 from rfca_rig.engine.run import Supervision, run_plan
-from rfca_rig.engine.wishes import Wishes
+from rfca_rig.engine.stop_request import StopRequest
 from rfca_rig.errors import RigError
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Plan, Rest, Stage
@@ -58,24 +58,24 @@ WARM_S = 2.0  # until the first stroke
 
 
 class Timed:
-    """An onlooker that hands on, and notes how late every tick came, and what it cost to hand it over."""
+    """An observer that hands on, and notes how late every tick came, and what it cost to hand it over."""
 
-    def __init__(self, onlooker: Onlooker) -> None:
-        self._onlooker = onlooker
+    def __init__(self, observer: RunObserver) -> None:
+        self._observer = observer
         self.began: tuple[float, float] | None = None
         self.late_s: list[float] = []
         self.cost_s: list[float] = []
 
     def stage(self, stage: Stage, expected: Load | None) -> None:
-        self._onlooker.stage(stage, expected)
+        self._observer.stage(stage, expected)
 
     def energising(self) -> None:
-        self._onlooker.energising()
+        self._observer.energising()
 
     def tick(self, tick: Tick) -> None:
         begin_s = time.monotonic()
         self.began = self.began or (begin_s, tick.now_s)
-        self._onlooker.tick(tick)
+        self._observer.tick(tick)
         self.cost_s.append(time.monotonic() - begin_s)
         self.late_s.append(tick.late_s)
 
@@ -146,17 +146,17 @@ def one_run(rig: RigFile, plan: Plan, folder: Path, seconds: float, has_view: bo
     with open_bench(rig, None) as opened, ExitStack() as things:
         bench = replace(opened, sensor=things.enter_context(restless_sensor(opened.clock)))
         run_folder.create(folder, Recording("live view", "REAL", rig.believed(), {}, (), ()))
-        keeper, wishes = ProcessKeeper(folder, patient=False), Wishes()
+        keeper, stop_request = ProcessKeeper(folder, patient=False), StopRequest()
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
         processes: dict[str, int | str] = {"loop": "self", "recorder": keeper.process_id}
         view, file = None, None
         if has_view:
             facts = run_facts(plan, "REAL", bench.sensor.scale(), rig.believed())
-            view = LiveView(facts, plan, wishes, lambda: (bench.sensor.health(), keeper.backlog_bytes), print, 0)
+            view = LiveView(facts, plan, stop_request, lambda: (bench.sensor.health(), keeper.backlog_bytes), print, 0)
             file = things.enter_context(page_on(view.url, folder))
             processes["view"] = view.process_id
             time.sleep(WARM_S)  # the shapes of the leg
-        timed = Timed(NOBODY if view is None else view.tap)
+        timed = Timed(NULL_OBSERVER if view is None else view.run_queue)
         zero_s = time.monotonic() - bench.clock.now_s()
         before_s, began_s = {name: cpu_s(number) for name, number in processes.items()}, time.monotonic()
 
@@ -166,7 +166,7 @@ def one_run(rig: RigFile, plan: Plan, folder: Path, seconds: float, has_view: bo
 
         why = "done"
         try:
-            run_plan(plan, bench, recorder, progress, Supervision(wishes=wishes, onlooker=timed))
+            run_plan(plan, bench, recorder, progress, Supervision(stop_request=stop_request, observer=timed))
         except TimeIsUp:
             why = "time is up"
         except RigError as error:
@@ -174,14 +174,14 @@ def one_run(rig: RigFile, plan: Plan, folder: Path, seconds: float, has_view: bo
         lasted_s = time.monotonic() - began_s
         shares = {name: 100.0 * (cpu_s(number) - before_s[name]) / lasted_s for name, number in processes.items()}
         if view is not None:
-            view.tap.ended(why, "")
+            view.run_queue.ended(why, "")
             view.close()
         keeper.finish(why)
     strokes = list(run_folder.read_stages(folder).strokes)
     sent = [] if file is None else messages_in(file)
     if view is not None:
         view._process.kill()
-    return Outcome(timed, strokes, shares, why, zero_s, sent, 0 if view is None else view.tap.lost)
+    return Outcome(timed, strokes, shares, why, zero_s, sent, 0 if view is None else view.run_queue.lost)
 
 
 def soon_at_rest(plan: Plan) -> Plan:

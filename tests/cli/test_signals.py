@@ -1,4 +1,4 @@
-"""Signals become wishes; where no loop is ticking they interrupt; once the stop is under way they are heard no more."""
+"""Signals become stop_request; where no loop is ticking they interrupt; once the stop is under way they are heard no more."""
 
 import os
 import signal
@@ -7,43 +7,43 @@ import pytest
 
 from rfca_rig.cli.signals import heard
 from rfca_rig.cli.terminal import marked
-from rfca_rig.engine.wishes import Wish, Wishes
+from rfca_rig.engine.stop_request import StopLevel, StopRequest
 
 
-def sent(wishes, *signals, say=lambda _: None):
-    with heard(wishes, say):
+def sent(stop_request, *signals, say=lambda _: None):
+    with heard(stop_request, say):
         for one in signals:
             os.kill(os.getpid(), one)
-    return wishes
+    return stop_request
 
 
 @pytest.mark.parametrize(
-    ("signals", "wish"),
+    ("signals", "level"),
     [
-        ((signal.SIGINT,), Wish.SAFE_POINT),
-        ((signal.SIGINT, signal.SIGINT), Wish.LET_GO),
-        ((signal.SIGTERM,), Wish.EASE),
-        ((signal.SIGHUP,), Wish.EASE),
-        ((signal.SIGINT, signal.SIGTERM), Wish.EASE),
+        ((signal.SIGINT,), StopLevel.SAFE_POINT),
+        ((signal.SIGINT, signal.SIGINT), StopLevel.TORQUE_OFF),
+        ((signal.SIGTERM,), StopLevel.RAMP_DOWN),
+        ((signal.SIGHUP,), StopLevel.RAMP_DOWN),
+        ((signal.SIGINT, signal.SIGTERM), StopLevel.RAMP_DOWN),
     ],
 )
-def test_what_is_heard_while_the_loop_ticks(signals, wish):
-    assert sent(Wishes(is_ticking=True), *signals).wish is wish
+def test_what_is_heard_while_the_loop_ticks(signals, level):
+    assert sent(StopRequest(is_ticking=True), *signals).level is level
 
 
 def test_a_third_key_interrupts_a_loop_that_hangs():
     with pytest.raises(KeyboardInterrupt):
-        sent(Wishes(is_ticking=True), *[signal.SIGINT] * 3)
+        sent(StopRequest(is_ticking=True), *[signal.SIGINT] * 3)
 
 
 @pytest.mark.parametrize("one", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_while_a_person_is_waited_for_one_is_enough(one):
     with pytest.raises(KeyboardInterrupt):
-        sent(Wishes(), one)
+        sent(StopRequest(), one)
 
 
 def test_the_stop_itself_is_not_interrupted():
-    assert sent(Wishes(is_over=True), *[signal.SIGINT] * 5, signal.SIGTERM).wish is Wish.GO_ON
+    assert sent(StopRequest(is_over=True), *[signal.SIGINT] * 5, signal.SIGTERM).level is StopLevel.GO_ON
 
 
 def test_a_terminal_that_is_gone_keeps_nobody_from_stopping(monkeypatch):
@@ -55,10 +55,10 @@ def test_a_terminal_that_is_gone_keeps_nobody_from_stopping(monkeypatch):
             raise OSError("Input/output error")
 
     monkeypatch.setattr("sys.stderr", Gone())
-    assert sent(Wishes(is_ticking=True), signal.SIGINT, say=marked("SIM", quiet=False)).wish is Wish.SAFE_POINT
+    assert sent(StopRequest(is_ticking=True), signal.SIGINT, say=marked("SIM", quiet=False)).level is StopLevel.SAFE_POINT
 
 
 def test_afterwards_everything_is_as_before():
     before = signal.getsignal(signal.SIGINT)
-    sent(Wishes(is_ticking=True), signal.SIGINT)
+    sent(StopRequest(is_ticking=True), signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is before

@@ -78,11 +78,11 @@ def twin_rig(
     sensor: NetFtSettings | None = None,
     sensor_twin: NetFtTwinSettings | None = None,
     seed: int = 1,
-    onlookers: int = 0,
+    observers: int = 0,
 ) -> Iterator[TwinRig]:
     rotor = rotor or Rotor()
     clock = TwinClock()
-    with can_wire(ends=2 + onlookers) as (drivers_end, twins_end, *others):
+    with can_wire(ends=2 + observers) as (drivers_end, twins_end, *others):
         here, there = datagram_link()
         drive = OdriveTwin(twins_end, motor_twin or OdriveTwinSettings())
         world = TwinWorld(rotor, drive, NetFtTwin(there, sensor_twin or NetFtTwinSettings(), np.random.default_rng(seed)))

@@ -72,7 +72,7 @@ def test_no_torque_is_ever_made_from_a_position_by_the_drive() -> None:
         r.run(0.2, speed_rad_s=4.0)
         r.run(0.2, angle_rad=-3.0)
         r.motor.disable()
-        commands = [order for order in orders_heard(r.onlooker) if isinstance(order, MitCommand)]
+        commands = [order for order in orders_heard(r.observer) if isinstance(order, MitCommand)]
         assert len(commands) > 200
         assert {command.kp_Nm_per_rad for command in commands} == {0.0}
 
@@ -81,7 +81,7 @@ def test_gains_are_taken_off_before_the_mode_is_entered_and_before_it_is_left() 
     with rig() as r:
         r.motor.enable()
         r.motor.disable()
-        orders = orders_heard(r.onlooker)
+        orders = orders_heard(r.observer)
         assert [order for order in orders if isinstance(order, Special)] == [Special.EXIT, Special.ENTER, Special.EXIT]
         for at, order in enumerate(orders):
             if isinstance(order, Special):
@@ -125,8 +125,8 @@ def test_commands_heard_back_are_no_replies() -> None:
         r.motor.enable()
         r.run(0.1, speed_rad_s=2.0)
         for order in (MitCommand(0.0, 1.0, 0.0, 5.0, 0.0), MitCommand(-12.5, 1.0, 0.0, 5.0, 0.0)):
-            send(r.onlooker, encode_command(RANGES, order))
-        send(r.onlooker, encode_special(Special.EXIT))
+            send(r.observer, encode_command(RANGES, order))
+        send(r.observer, encode_special(Special.EXIT))
         assert len(r.motor.read().angle_rad) == 0
         assert r.motor.status().fault is None
 
@@ -366,45 +366,45 @@ def test_the_twins_watchdog_takes_the_command_away_and_stays_in_the_mode() -> No
 
 def test_the_twin_remembers_its_last_command_over_leaving_the_mode() -> None:
     with rig() as r:
-        send(r.onlooker, encode_command(RANGES, MitCommand(0.0, 0.0, 0.0, 0.0, 2.0)))
+        send(r.observer, encode_command(RANGES, MitCommand(0.0, 0.0, 0.0, 0.0, 2.0)))
         r.tick()
         assert r.rotor.drives[-1][1].torque_Nm(0.0, 0.0) == 0.0
-        send(r.onlooker, encode_special(Special.ENTER))
+        send(r.observer, encode_special(Special.ENTER))
         r.tick()
         assert r.rotor.drives[-1][1].torque_Nm(0.0, 0.0) == pytest.approx(2.0, abs=0.01)
 
 
 def test_the_twin_goes_to_a_position_where_someone_asks_for_one() -> None:
     with rig() as r:
-        send(r.onlooker, encode_special(Special.ENTER))
+        send(r.observer, encode_special(Special.ENTER))
         for _ in range(1000):
-            send(r.onlooker, encode_command(RANGES, MitCommand(1.0, 0.0, 100.0, 2.0, 0.0)))
+            send(r.observer, encode_command(RANGES, MitCommand(1.0, 0.0, 100.0, 2.0, 0.0)))
             r.tick()
         assert r.rotor.angle_rad == pytest.approx(1.0, abs=1e-3)
 
 
 def test_zeroing_makes_the_present_position_zero_and_mutes_the_twin_for_a_second() -> None:
     with rig() as r:
-        send(r.onlooker, encode_special(Special.ZERO))
+        send(r.observer, encode_special(Special.ZERO))
         r.tick()
-        drained(r.onlooker)
-        send(r.onlooker, encode_special(Special.EXIT))
+        drained(r.observer)
+        send(r.observer, encode_special(Special.EXIT))
         r.tick()
-        assert drained(r.onlooker) == []
+        assert drained(r.observer) == []
         r.clock.wait_until(1.1)
-        send(r.onlooker, encode_special(Special.EXIT))
+        send(r.observer, encode_special(Special.EXIT))
         r.tick()
-        assert decode_reply(RANGES, drained(r.onlooker)[0].data).position_rad == pytest.approx(0.0, abs=4e-4)
+        assert decode_reply(RANGES, drained(r.observer)[0].data).position_rad == pytest.approx(0.0, abs=4e-4)
 
 
 def test_the_twin_ignores_what_is_not_for_it_or_cannot_be_read() -> None:
     with rig() as r:
-        r.onlooker.send(can.Message(arbitration_id=1, data=bytes(7), is_extended_id=False))
-        r.onlooker.send(can.Message(arbitration_id=1, data=bytes(8), is_extended_id=True))
-        r.onlooker.send(can.Message(arbitration_id=2, data=bytes(8), is_extended_id=False))
-        r.onlooker.send(can.Message(arbitration_id=1, is_remote_frame=True, dlc=8, is_extended_id=False))
+        r.observer.send(can.Message(arbitration_id=1, data=bytes(7), is_extended_id=False))
+        r.observer.send(can.Message(arbitration_id=1, data=bytes(8), is_extended_id=True))
+        r.observer.send(can.Message(arbitration_id=2, data=bytes(8), is_extended_id=False))
+        r.observer.send(can.Message(arbitration_id=1, is_remote_frame=True, dlc=8, is_extended_id=False))
         r.tick()
-        assert drained(r.onlooker) == []
+        assert drained(r.observer) == []
 
 
 @pytest.mark.parametrize(

@@ -83,7 +83,7 @@ def test_a_drive_that_counts_more_turns_than_it_shows_is_let_go_before_it_has_mo
 def test_enabling_lets_go_then_holds_gently_then_holds() -> None:
     with rig() as r:
         r.motor.enable()
-        orders = orders_heard(r.onlooker)
+        orders = orders_heard(r.observer)
         assert [type(order) for order in orders] == [SetCurrent, *[SetPositionSpeed] * (len(orders) - 2), SetPosition]
         assert orders[0].current_A == 0.0
         assert {order.speed_erpm for order in orders[1:-1]} == {540}  # 0.3 rad/s * 9 * 21 * 60 / 2 pi
@@ -217,7 +217,7 @@ def test_after_the_proof_the_motor_is_to_be_enabled_anew() -> None:
         r.rotor.load_Nm = 0.5
         r.run(1.0, angle_rad=0.3)
         r.motor.prove_watchdog(0.5)
-        assert orders_heard(r.onlooker)[-1] == SetCurrent(0.0)
+        assert orders_heard(r.observer)[-1] == SetCurrent(0.0)
         with pytest.raises(DeviceError, match="not enabled"):
             r.motor.command_speed(1.0)
 
@@ -245,21 +245,21 @@ def test_what_is_wrong_with_the_watchdog_is_told_with_what_to_do(load_Nm: float,
 def test_the_twin_moves_to_a_position_no_faster_than_it_is_told() -> None:
     with rig() as r:
         for _ in range(500):
-            send(r.onlooker, cubemars_servo.set_position_speed(1, 120.0, 1800.0, 100_000.0))
+            send(r.observer, cubemars_servo.set_position_speed(1, 120.0, 1800.0, 100_000.0))
             r.tick()
         assert r.rotor.speed_rad_s == pytest.approx(1800.0 / (9.0 * 21.0) * 2.0 * math.pi / 60.0, rel=1e-2)
 
 
 def test_the_twin_takes_a_current_as_torque_and_a_new_origin_as_zero() -> None:
     with rig() as r:
-        send(r.onlooker, cubemars_servo.set_current(1, 2.0))
+        send(r.observer, cubemars_servo.set_current(1, 2.0))
         r.tick()
         assert r.rotor.drives[-1][1].torque_Nm(0.0, 0.0) == pytest.approx(2.0 * 9.0 * 0.115)
-        send(r.onlooker, cubemars_servo.set_current(1, 0.0))
+        send(r.observer, cubemars_servo.set_current(1, 0.0))
         r.rotor.speed_rad_s = 0.0
-        send(r.onlooker, cubemars_servo.set_origin(1, cubemars_servo.Origin.TEMPORARY))
+        send(r.observer, cubemars_servo.set_origin(1, cubemars_servo.Origin.TEMPORARY))
         r.tick()
-        last = drained(r.onlooker)[-1]
+        last = drained(r.observer)[-1]
         assert cubemars_servo.decode(last.arbitration_id, last.data).position_count in {-1, 0}
 
 

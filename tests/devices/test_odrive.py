@@ -60,7 +60,7 @@ class TestOdriveAsAMotor(MotorContract):
 
 
 def test_enabling_moves_nothing_even_where_a_stale_set_point_waits_in_the_drive() -> None:
-    with twin_rig(Rotor(angle_rad=1.2), onlookers=1) as rig:
+    with twin_rig(Rotor(angle_rad=1.2), observers=1) as rig:
         send(rig.others[0], cansimple.set_input_pos(0, -3.0, 5.0))
         rig.motor.enable()
         shaft, _ = rig.run(0.2, angle_rad=1.2)
@@ -71,7 +71,7 @@ def test_enabling_moves_nothing_even_where_a_stale_set_point_waits_in_the_drive(
 
 
 def test_enabling_sends_the_set_point_before_the_loop_closes() -> None:
-    with twin_rig(onlookers=1) as rig:
+    with twin_rig(observers=1) as rig:
         rig.motor.enable()
         orders = [m.arbitration_id for m in frames_of(rig.others[0]) if m.arbitration_id in {0x07, 0x0B, 0x0C} and not m.is_remote_frame]
         assert orders[:5] == [0x07, 0x0C, 0x0B, 0x07, 0x0C]
@@ -135,7 +135,7 @@ def test_torque_may_come_from_the_motor_current() -> None:
 
 
 def test_the_controller_mode_is_sent_only_when_it_changes() -> None:
-    with twin_rig(onlookers=1) as rig:
+    with twin_rig(observers=1) as rig:
         rig.motor.enable()
         frames_of(rig.others[0])
         rig.run(0.1, speed_rad_s=1.0)
@@ -145,7 +145,7 @@ def test_the_controller_mode_is_sent_only_when_it_changes() -> None:
 
 
 def test_going_over_to_angle_never_meets_an_old_target() -> None:
-    with twin_rig(onlookers=1) as rig:
+    with twin_rig(observers=1) as rig:
         rig.motor.enable()
         rig.run(0.1, speed_rad_s=1.0)
         frames_of(rig.others[0])
@@ -213,7 +213,7 @@ def test_a_fault_of_the_drive_is_told_with_its_code_and_meaning() -> None:
 
 
 def test_falling_to_idle_without_an_error_is_a_fault_too() -> None:
-    with twin_rig(onlookers=1) as rig:
+    with twin_rig(observers=1) as rig:
         rig.motor.enable()
         send(rig.others[0], cansimple.set_axis_state(0, 1))
         rig.run(0.2, speed_rad_s=1.0)
@@ -221,7 +221,7 @@ def test_falling_to_idle_without_an_error_is_a_fault_too() -> None:
 
 
 def test_an_emergency_stop_on_the_bus_is_told_and_is_cleared_by_enabling_anew() -> None:
-    with twin_rig(onlookers=1) as rig:
+    with twin_rig(observers=1) as rig:
         rig.motor.enable()
         send(rig.others[0], cansimple.estop(0))
         rig.run(0.2, speed_rad_s=1.0)
@@ -239,7 +239,7 @@ def test_a_refused_enable_says_with_what_error() -> None:
 
 
 def test_a_refused_enable_leaves_the_motor_idle() -> None:
-    with twin_rig(motor_twin=OdriveTwinSettings(arming_error=1 << 3), onlookers=1) as rig:
+    with twin_rig(motor_twin=OdriveTwinSettings(arming_error=1 << 3), observers=1) as rig:
         with pytest.raises(DeviceError):
             rig.motor.enable()
         orders = [m for m in frames_of(rig.others[0]) if m.arbitration_id == 0x07]
@@ -309,7 +309,7 @@ def test_a_heartbeat_from_before_the_errors_were_cleared_does_not_count() -> Non
 
 
 def test_the_twin_does_not_close_the_loop_on_an_error_that_was_not_cleared() -> None:
-    with twin_rig(motor_twin=OdriveTwinSettings(watchdog_s=None), onlookers=1) as rig:
+    with twin_rig(motor_twin=OdriveTwinSettings(watchdog_s=None), observers=1) as rig:
         rig.motor_twin.fail(1 << 13)
         send(rig.others[0], cansimple.set_axis_state(0, 8))
         rig.run(0.2)
@@ -508,7 +508,7 @@ def test_a_soft_drive_sags_under_load_and_recovers_by_its_integrator() -> None:
 
 
 def test_a_set_point_that_is_no_number_stops_the_twin() -> None:
-    with twin_rig(onlookers=1) as rig:
+    with twin_rig(observers=1) as rig:
         rig.motor.enable()
         send(rig.others[0], cansimple.set_input_vel(0, math.nan))
         rig.run(0.2, speed_rad_s=1.0)

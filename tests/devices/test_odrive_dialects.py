@@ -66,7 +66,7 @@ def test_the_watchdog_bit_is_the_older_one() -> None:
 def test_an_emergency_stop_has_the_older_bit() -> None:
     with older_rig() as rig:
         rig.motor.enable()
-        send(rig.onlooker, cansimple.estop(0))
+        send(rig.observer, cansimple.estop(0))
         rig.run(0.2, speed_rad_s=1.0)
         assert "0x00004000 (ESTOP_REQUESTED" in (rig.motor.status().fault or "")
 
@@ -78,7 +78,7 @@ def test_an_error_that_only_a_part_has_is_asked_for_and_told_with_its_meaning() 
         rig.run(0.2, speed_rad_s=1.0)
         said = "error 0x00000000 (none); encoder error 0x00000080 (ABS_SPI_COM_FAIL: the absolute encoder's answers are damaged)"
         assert rig.motor.status().fault == said
-        asked = [m for m in drained(rig.onlooker) if m.arbitration_id == 0x04 and m.dlc == 0]
+        asked = [m for m in drained(rig.observer) if m.arbitration_id == 0x04 and m.dlc == 0]
         assert len(asked) == 1
 
 
@@ -111,7 +111,7 @@ def test_a_refusal_by_a_part_names_its_error() -> None:
 def test_a_set_point_that_is_no_number_fails_the_motor() -> None:
     with older_rig() as rig:
         rig.motor.enable()
-        send(rig.onlooker, cansimple.set_input_vel(0, float("nan")))
+        send(rig.observer, cansimple.set_input_vel(0, float("nan")))
         rig.run(0.2, speed_rad_s=1.0)
         assert re.search(r"motor error 0x00010000 \(MODULATION_IS_NAN", rig.motor.status().fault or "")
 
@@ -122,7 +122,7 @@ def test_torque_is_the_current_times_its_constant() -> None:
         rig.rotor.load_Nm = 2.0
         shaft = rig.run(1.5, angle_rad=0.3)
         assert shaft.torque_Nm[-1] == pytest.approx(-2.0, rel=0.02)
-        currents = [cansimple.decode(m.arbitration_id, m.data) for m in drained(rig.onlooker) if m.arbitration_id == 0x14]
+        currents = [cansimple.decode(m.arbitration_id, m.data) for m in drained(rig.observer) if m.arbitration_id == 0x14]
         assert currents[-1].measured_A == pytest.approx(-2.0 / 0.0827, rel=0.02)
 
 
@@ -130,7 +130,7 @@ def test_clearing_errors_takes_no_byte_and_nothing_of_0_6_is_on_the_wire() -> No
     with older_rig() as rig:
         rig.motor.enable()
         rig.run(0.2, speed_rad_s=1.0)
-        heard = drained(rig.onlooker)
+        heard = drained(rig.observer)
         assert {m.dlc for m in heard if m.arbitration_id == 0x18} == {0}
         assert not [m for m in heard if m.arbitration_id in {0x1C, 0x15} or (m.arbitration_id == 0 and not m.is_remote_frame)]
 
@@ -143,7 +143,7 @@ def test_an_older_drive_needs_its_torque_constant() -> None:
 def test_a_newer_drive_taken_for_an_older_one_is_found_out() -> None:
     newer = OdriveTwinSettings()
     with older_rig(twin=newer) as rig:
-        rig.clock.carry(lambda _: send(rig.onlooker, cansimple.iq(0, 0.0, 0.0)))
+        rig.clock.carry(lambda _: send(rig.observer, cansimple.iq(0, 0.0, 0.0)))
         with pytest.raises(DeviceError, match=r'its firmware is 0\.6\.10; set dialect = "0\.6"'):
             rig.motor.enable()
 
@@ -170,7 +170,7 @@ def test_the_identity_names_the_dialect() -> None:
 def test_the_twin_answers_requests_without_a_byte_as_firmware_0_5_6_does() -> None:
     with older_rig() as rig:
         rig.twin.fail_part(Part.MOTOR, 8)
-        send(rig.onlooker, (0x03, b""))
+        send(rig.observer, (0x03, b""))
         rig.tick()
-        (told,) = (m for m in drained(rig.onlooker) if m.arbitration_id == 0x03)
+        (told,) = (m for m in drained(rig.observer) if m.arbitration_id == 0x03)
         assert cansimple.decode(told.arbitration_id, told.data, Dialect.V0_5) == odrive_messages.PartError(Part.MOTOR, 8)

@@ -15,7 +15,7 @@ from tests.devices.rig import twin_rig
 
 def bytes_of_a_run(seed: int) -> bytes:
     noisy = NetFtTwinSettings(noise_std=(0.1,) * 6)
-    with twin_rig(sensor_twin=noisy, seed=seed, onlookers=1) as rig:
+    with twin_rig(sensor_twin=noisy, seed=seed, observers=1) as rig:
         rig.motor.enable()
         rig.sensor.start()
         rig.run(0.3, speed_rad_s=2.0)
@@ -53,7 +53,7 @@ def test_a_tick_of_2_ms_is_one_step_whatever_the_rounding() -> None:
 
 @pytest.mark.parametrize("tick_s", [1e-3, 1.3e-3, 2e-3, 7e-3])
 def test_reports_lie_on_the_devices_own_grids_however_the_caller_waits(tick_s: float) -> None:
-    with twin_rig(onlookers=1) as rig:
+    with twin_rig(observers=1) as rig:
         rig.sensor.start()
         for n in range(1, round(0.5 / tick_s) + 1):
             rig.clock.wait_until(0.02 + n * tick_s)

@@ -12,7 +12,7 @@ from rfca_rig.drivers.roles import ForceSamples, SensorScale, ShaftSamples
 from rfca_rig.engine.cycling import BEFORE_START_RAD, MOST_TURNS, Tally, Turning, check_turns
 from rfca_rig.engine.run import Supervision, run_plan
 from rfca_rig.engine.stages import MOVE_TICK_S
-from rfca_rig.engine.wishes import Wish
+from rfca_rig.engine.stop_request import StopLevel
 from rfca_rig.errors import Stopped, Tripped
 from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.plan import MoveShaft, Plan, SetHeight
@@ -103,7 +103,7 @@ def test_cycles_on_the_twin_are_counted_in_rows_and_a_wish_ends_them_between_two
         def counted(cycle):
             row_after_row(cycle)
             if cycle.number == 1:
-                supervision.wishes.ask(Wish.SAFE_POINT, "enough")
+                supervision.stop_request.ask(StopLevel.SAFE_POINT, "enough")
 
         recorder.cycle = counted
         with pytest.raises(Stopped, match="enough, at a safe point"):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples
-from rfca_rig.engine.watch import Watch
-from rfca_rig.engine.watches.shaft import Tracking
+from rfca_rig.engine.limit_monitor import LimitMonitor
+from rfca_rig.engine.monitors.shaft import Tracking
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
@@ -40,7 +40,7 @@ class Rig:
     """A watch, and devices whose samples a test makes up; a tick is 10 ms of 1 kHz records with noise."""
 
     def __init__(self) -> None:
-        self.watch = Watch(LIMITS, SCALE, 0.0)
+        self.monitor = LimitMonitor(LIMITS, SCALE, 0.0)
         self.random = np.random.default_rng(3)
         self.records = 0
         self.now_s = 0.0
@@ -60,8 +60,8 @@ class Rig:
     def ticks(self, count, force=None, shaft=None, status=WELL, tracking=None):
         for _ in range(count):
             self.now_s += PER_TICK / RATE_Hz
-            self.watch.reports(self.now_s, shaft or self.shaft(), force() if force else self.force())
-            self.watch.motion(self.now_s, status, tracking or Tracking(0.0, 0.0, 0.0, 0.0))
+            self.monitor.reports(self.now_s, shaft or self.shaft(), force() if force else self.force())
+            self.monitor.motion(self.now_s, status, tracking or Tracking(0.0, 0.0, 0.0, 0.0))
 
 
 def nothing_of(samples):
@@ -78,9 +78,9 @@ def trips(code, what, *args, **more):
 
 def test_a_rig_where_all_is_well_never_trips():
     rig = Rig()
-    rig.watch.expect(Load(60.0, 6.0))
+    rig.monitor.expect(Load(60.0, 6.0))
     rig.ticks(200, lambda: rig.force(55.0, 5.0), tracking=Tracking(1.0, 0.9, 3.0, 2.5))
-    assert rig.watch.peak.force_N == pytest.approx(55.0, abs=0.02)
+    assert rig.monitor.peak.force_N == pytest.approx(55.0, abs=0.02)
 
 
 @pytest.mark.parametrize(("load", "code"), [((301.0, 0.0), Trip.FORCE), ((0.0, 25.1), Trip.MOMENT)])
@@ -93,7 +93,7 @@ def test_one_record_above_a_limit_trips(load, code):
 @pytest.mark.parametrize(("load", "code"), [((125.0, 0.0), Trip.FORCE_LASTS), ((0.0, 12.5), Trip.MOMENT_LASTS)])
 def test_an_impact_may_pass_what_is_expected_and_a_press_may_not(load, code):
     rig = Rig()
-    rig.watch.expect(Load(60.0, 6.0))
+    rig.monitor.expect(Load(60.0, 6.0))
     rig.ticks(3)
     rig.ticks(10, lambda: rig.force(*load))  # 99 ms from the first to the last
     rig.ticks(1)
@@ -104,7 +104,7 @@ def test_an_impact_may_pass_what_is_expected_and_a_press_may_not(load, code):
 
 def test_little_is_no_danger_however_little_is_expected():
     rig = Rig()
-    rig.watch.expect(Load(1.0, 0.1))
+    rig.monitor.expect(Load(1.0, 0.1))
     rig.ticks(50, lambda: rig.force(29.0, 2.4))
     trips(Trip.FORCE_LASTS, rig.ticks, 50, lambda: rig.force(31.0))
 
@@ -185,15 +185,15 @@ def test_an_angle_that_jumps_further_than_a_shaft_can_turn_trips():
     rig = Rig()
     rig.ticks(1)
     rig.now_s += 0.01
-    rig.watch.reports(rig.now_s, rig.shaft(0.39), rig.force())
+    rig.monitor.reports(rig.now_s, rig.shaft(0.39), rig.force())
     rig.now_s += 0.01
-    trips(Trip.JUMP, rig.watch.reports, rig.now_s, rig.shaft(0.8), rig.force())
+    trips(Trip.JUMP, rig.monitor.reports, rig.now_s, rig.shaft(0.8), rig.force())
 
 
 def test_a_late_loop_trips():
-    watch = Watch(LIMITS, SCALE, 0.0)
-    watch.gap(0.0515, 0.002)
-    assert "51 ms late" in trips(Trip.LATE, watch.gap, 0.053, 0.002)
+    monitor = LimitMonitor(LIMITS, SCALE, 0.0)
+    monitor.gap(0.0515, 0.002)
+    assert "51 ms late" in trips(Trip.LATE, monitor.gap, 0.053, 0.002)
 
 
 def test_every_code_has_a_paragraph_that_says_what_to_do():

@@ -65,7 +65,7 @@ class Driving:
 def driving(served: ServedDrive, *words: str) -> Iterator[Driving]:
     command = [sys.executable, "-m", "tests.guardian.driving", served.kind, *words]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with served.onlooker() as ear, subprocess.Popen(command, env=served.environment, start_new_session=True, **pipes) as program:
+    with served.observer() as ear, subprocess.Popen(command, env=served.environment, start_new_session=True, **pipes) as program:
         try:
             line = program.stdout.readline()
             assert line.startswith("turning"), program.stderr.read()

@@ -58,7 +58,7 @@ class ServedDrive:
     def environment(self) -> dict[str, str]:
         return {**os.environ, "CAN_CONFIG": self.can_config}
 
-    def onlooker(self) -> can.BusABC:
+    def observer(self) -> can.BusABC:
         return can.Bus(**self.server.can)
 
 

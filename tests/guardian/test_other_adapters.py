@@ -21,7 +21,7 @@ GROUP = "239.74.163.2"
 
 @contextmanager
 def serial() -> Iterator[tuple[CanBusSettings, can.BusABC]]:
-    with far_end("mit") as served, served.onlooker() as ear:
+    with far_end("mit") as served, served.observer() as ear:
         yield CanBusSettings("slcan", str(served.server.ports["slcan"]), 1_000_000), ear
 
 

@@ -9,7 +9,7 @@ UNPLUGGED = OSError(19, "No such device")
 
 
 def _error_frame(rig: FaultyRig, classes: int, data: list[int]) -> None:
-    rig.onlooker.send(can.Message(arbitration_id=classes, data=data, is_error_frame=True, is_extended_id=False))
+    rig.observer.send(can.Message(arbitration_id=classes, data=data, is_error_frame=True, is_extended_id=False))
 
 
 def _go_off(rig: FaultyRig) -> None:
@@ -38,7 +38,7 @@ def _deafen(rig: FaultyRig) -> None:
 
 def _babble(rig: FaultyRig) -> None:
     for number in range(500):
-        rig.onlooker.send(can.Message(arbitration_id=5 << 5 | 9, data=number.to_bytes(8, "little"), is_extended_id=False))
+        rig.observer.send(can.Message(arbitration_id=5 << 5 | 9, data=number.to_bytes(8, "little"), is_extended_id=False))
 
 
 BUS_CAUSES = (

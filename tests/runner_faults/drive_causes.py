@@ -21,7 +21,7 @@ def _error(bit: int) -> Cause:
 
 
 def _say(rig: FaultyRig, frame: cansimple.Frame) -> None:
-    rig.onlooker.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False))
+    rig.observer.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False))
 
 
 def _order_idle(rig: FaultyRig) -> None:

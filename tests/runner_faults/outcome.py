@@ -89,7 +89,7 @@ def begin_now(rig: FaultyRig, *causes: Cause) -> None:
 
 def run_to_its_end(rig: FaultyRig, sink: Any) -> Outcome:
     """Carries the rig's plan out, whatever comes; raises what is no error of a kind that the command line knows."""
-    return ended_by(rig, lambda: run_plan(rig.plan, rig.bench, sink, _nothing, Supervision(rig.expected(), rig.wishes)))
+    return ended_by(rig, lambda: run_plan(rig.plan, rig.bench, sink, _nothing, Supervision(rig.expected(), rig.stop_request)))
 
 
 def ended_by(rig: FaultyRig, work: Callable[[], object]) -> Outcome:

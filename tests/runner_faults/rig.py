@@ -17,7 +17,7 @@ from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
 from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.engine.bench import Bench
-from rfca_rig.engine.wishes import Wishes
+from rfca_rig.engine.stop_request import StopRequest
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Flap, Hold, HoldTiming, Limits, MoveShaft, Plan, Rates, Rest, SetHeight, SettleCriterion, Stage
 from rfca_rig.recording import run_folder
@@ -111,7 +111,7 @@ class FaultyRig:
     events: dict[str, Callable[[], None]]
     bus: BreakableBus
     link: BreakableLink
-    onlooker: can.BusABC
+    observer: can.BusABC
     camera: BreakableCamera
     motor: OdriveMotor
     sensor: NetFtSensor
@@ -121,7 +121,7 @@ class FaultyRig:
     agenda: Agenda
     plan: Plan
     watched_s: float
-    wishes: Wishes = field(default_factory=Wishes)
+    stop_request: StopRequest = field(default_factory=StopRequest)
     said: list[str] = field(default_factory=list)
     begun_s: float = float("nan")
     bench: Bench = field(init=False)
@@ -129,7 +129,7 @@ class FaultyRig:
 
     def __post_init__(self) -> None:
         self.bench = Bench(self.motor, self.sensor, Rack(self.truth), self.engine_clock, False, self.camera)
-        self.ear = Heard(self.wishes, self.said.append)
+        self.ear = Heard(self.stop_request, self.said.append)
 
     def expected(self) -> dict[Stage, Load]:
         return {stage: Load(60.0, 8.0) for stage in self.plan.stages if isinstance(stage, Flap)}
@@ -159,7 +159,7 @@ def faulty_rig(folder: Path, fidelity: Fidelity = CHEAP, watchdog_s: float | Non
 def _put_together(folder: Path, fidelity: Fidelity, watchdog_s: float | None, random: np.random.Generator, stack: ExitStack) -> FaultyRig:
     clock, panel = TwinClock(), FaultPanel((*FORCE_FAULTS, *CAN_FAULTS, *ODRIVE_FAULTS))
     agenda, truth = Agenda(clock), Truth(_plant(fidelity, random))
-    drivers_end, twins_end, onlooker = stack.enter_context(can_wire(ends=3))
+    drivers_end, twins_end, observer = stack.enter_context(can_wire(ends=3))
     here, there = datagram_link()
     tampered, bus, link = TamperedBus(twins_end, panel, OdriveDialect()), BreakableBus(drivers_end, clock), BreakableLink(here)
     stack.callback(tampered.shutdown)
@@ -181,7 +181,7 @@ def _put_together(folder: Path, fidelity: Fidelity, watchdog_s: float | None, ra
         events=dict(odrive_events(drive)),
         bus=bus,
         link=link,
-        onlooker=onlooker,
+        observer=observer,
         camera=BreakableCamera(Photo(np.zeros((4, 4, 3), np.uint8), 0.0, "black")),
         motor=OdriveMotor(
             bus,

@@ -9,7 +9,7 @@ import pytest
 from rfca_rig.codecs import cansimple
 from rfca_rig.engine import stopping
 from rfca_rig.engine.bench import Bench
-from rfca_rig.engine.watch import Watch
+from rfca_rig.engine.limit_monitor import LimitMonitor
 from tests.runner_faults.breakable import BreakableKeeper
 from tests.runner_faults.causes import CAUSES
 from tests.runner_faults.outcome import Outcome, caused
@@ -58,7 +58,7 @@ def test_a_stage_that_was_acknowledged_and_is_not_there_is_seen(tmp_path: Path, 
 
 
 def test_limits_that_are_not_looked_at_are_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Watch, "reports", lambda *_: None)
+    monkeypatch.setattr(LimitMonitor, "reports", lambda *_: None)
     assert outcome_of("over-force", tmp_path).ended != "L-01"
 
 
@@ -69,7 +69,7 @@ def test_a_watchdog_that_something_else_than_the_loop_feeds_is_seen(tmp_path: Pa
     def stand_but_feed(rig: FaultyRig) -> None:
         identifier, data = cansimple.set_input_vel(0, 5.0)
         frame = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
-        rig.engine_clock.meanwhile = lambda: rig.onlooker.send(frame)
+        rig.engine_clock.meanwhile = lambda: rig.observer.send(frame)
         cause.begin(rig)
 
     assert caused(cause, tmp_path / "starved").stop.torque_ms <= cause.within_ms

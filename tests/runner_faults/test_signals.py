@@ -201,14 +201,14 @@ def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=lambda number: number.name)
 def test_a_drive_whose_master_dies_or_stands_lets_go(served: Server, number: signal.Signals) -> None:
     command = [sys.executable, "-m", "tests.runner_faults.turning"]
-    with can.Bus(**served.can) as onlooker, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
+    with can.Bus(**served.can) as observer, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
         try:
             assert program.stdout.readline() == "turning\n", program.stderr.read()
             program.send_signal(number)
-            heard(onlooker, lambda said: isinstance(said, Heartbeat) and said.state == AxisState.CLOSED_LOOP)
-            beat = heard(onlooker, lambda said: isinstance(said, Heartbeat) and said.state == AxisState.IDLE)
+            heard(observer, lambda said: isinstance(said, Heartbeat) and said.state == AxisState.CLOSED_LOOP)
+            beat = heard(observer, lambda said: isinstance(said, Heartbeat) and said.state == AxisState.IDLE)
             assert beat.error & WATCHDOG_EXPIRED
-            assert heard(onlooker, lambda said: isinstance(said, Torques)).estimate_Nm == 0.0
+            assert heard(observer, lambda said: isinstance(said, Torques)).estimate_Nm == 0.0
         finally:
             program.kill()
 

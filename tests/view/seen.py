@@ -8,15 +8,15 @@ import numpy as np
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples, StreamHealth
-from rfca_rig.engine.onlooker import Tick
-from rfca_rig.engine.wishes import Wishes
+from rfca_rig.engine.observer import Tick
+from rfca_rig.engine.stop_request import StopRequest
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.view.legs import Legs
 from rfca_rig.view.live_feed import LiveRun
 from rfca_rig.view.live_source import LiveSource
 from rfca_rig.view.run_facts import run_facts
-from rfca_rig.view.tap import Tap
+from rfca_rig.view.run_queue import RunQueue
 from tests.engine.rigs import one_condition, twin_rig
 
 SCALE = SensorScale(1e6, 1e6, 15_000.0)
@@ -43,11 +43,11 @@ def counts_of(force_N: float, moment_Nm: float = 0.0, rows: int = 1) -> np.ndarr
 
 @dataclass
 class Watched:
-    """Both ends of a view, without any process in between. `told` is what the tap said of stops."""
+    """Both ends of a view, without any process in between. `told` is what the queue said of stops."""
 
-    tap: Tap
+    run_queue: RunQueue
     run: LiveRun
-    wishes: Wishes
+    stop_request: StopRequest
     told: list[str]
     clock: TwinClock
     plan: Plan
@@ -55,12 +55,12 @@ class Watched:
 
 @contextmanager
 def watched(queue_bytes: int = 1 << 20, given: Plan | None = None) -> Iterator[Watched]:
-    rig, clock, wishes, told = twin_rig(), TwinClock(), Wishes(), []
+    rig, clock, stop_request, told = twin_rig(), TwinClock(), StopRequest(), []
     plan = given or one_condition(rig)
     queue = BlockQueue.create(queue_bytes)
     try:
-        tap = Tap(queue, plan.stages, wishes, clock, lambda: (StreamHealth(received=7, lost=2), 1000), told.append)
+        run_queue = RunQueue(queue, plan.stages, stop_request, clock, lambda: (StreamHealth(received=7, lost=2), 1000), told.append)
         source = LiveSource(run_facts(plan, "SIM", SCALE, rig.believed()), queue, clock, Legs(rig.believed()))
-        yield Watched(tap, LiveRun(source), wishes, told, clock, plan)
+        yield Watched(run_queue, LiveRun(source), stop_request, told, clock, plan)
     finally:
         queue.remove()

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rfca_rig.drivers.roles import SensorScale
-from rfca_rig.engine.watches.load import LoadWatch
+from rfca_rig.engine.monitors.load import LoadMonitor
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.view.gauges import Gauges
@@ -47,11 +47,11 @@ def test_all_peaks_of_a_run_are_in_what_a_page_was_sent(seed):
             force_N = random.normal(0.0, 50.0) + 300.0 * (random.uniform() < 0.02)
             counts = np.concatenate([counts_of(0.0, rows=int(random.integers(0, 30))), counts_of(force_N)])
             forces.append(force_N)
-            both.tap.tick(tick(0.002 * number, counts))
+            both.run_queue.tick(tick(0.002 * number, counts))
             if random.uniform() < 0.1:
                 both.run.beat()
                 got += feed.news()
-        both.tap.ended("done", "")
+        both.run_queue.ended("done", "")
         both.run.beat()
         got += feed.news()
         assert drawn(got) == pytest.approx((min(*forces, 0.0), max(*forces, 0.0)), abs=1e-4)
@@ -62,7 +62,7 @@ def test_a_span_that_changes_gives_the_whole_window_anew_and_every_page_its_own(
         slow, quick, got = both.run.feed(), both.run.feed(), []
         quick.hear({"kind": "span", "span_s": 0.5})
         for number in range(1, 1500):
-            both.tap.tick(tick(0.002 * number, counts_of(float(number))))
+            both.run_queue.tick(tick(0.002 * number, counts_of(float(number))))
             if number % 20 == 0:
                 both.run.beat()
                 got += quick.news()
@@ -79,7 +79,7 @@ def test_a_span_that_changes_gives_the_whole_window_anew_and_every_page_its_own(
 )
 def test_nonsense_from_a_page_changes_nothing(nonsense):
     with watched() as both:
-        both.tap.tick(tick(0.1, counts_of(1.0)))
+        both.run_queue.tick(tick(0.1, counts_of(1.0)))
         feed = both.run.feed()
         both.run.beat()
         feed.news()
@@ -92,7 +92,7 @@ def test_what_a_loop_saw_last_is_drawn_though_no_tick_follows():
     with watched() as both:
         feed = both.run.feed()
         for number in range(1, 50):
-            both.tap.tick(tick(0.002 * number, counts_of(100.0 if number == 49 else 1.0)))
+            both.run_queue.tick(tick(0.002 * number, counts_of(100.0 if number == 49 else 1.0)))
         both.run.beat()
         assert drawn(feed.news())[1] == 1.0
         both.clock.wait_until(0.3)
@@ -104,7 +104,7 @@ def test_everything_that_is_sent_is_plain_json():
     with watched() as both:
         feed = both.run.feed()
         for number in range(1, 100):
-            both.tap.tick(tick(0.01 * number, counts_of(1.0)))
+            both.run_queue.tick(tick(0.01 * number, counts_of(1.0)))
         both.run.beat()
         for message in (both.run.hello(), *feed.news()):
             json.dumps(message, allow_nan=False)
@@ -112,14 +112,14 @@ def test_everything_that_is_sent_is_plain_json():
 
 def test_a_run_whose_process_dies_is_over_and_cannot_be_stopped():
     with watched() as both:
-        both.tap.tick(tick(0.002, counts_of(1.0)))
+        both.run_queue.tick(tick(0.002, counts_of(1.0)))
         both.run.gone()
         assert "without a word" in both.run.state["ended"] and not both.run.stop("now")
 
 
 def test_a_trip_is_told_with_its_code():
     with watched() as both:
-        both.tap.ended("TRIP L-01: force 310.0 N, limit 300 N", "L-01")
+        both.run_queue.ended("TRIP L-01: force 310.0 N, limit 300 N", "L-01")
         both.run.gone()
         assert both.run.state["trip"] == {"code": "L-01", "text": "TRIP L-01: force 310.0 N, limit 300 N"}
 
@@ -127,8 +127,8 @@ def test_a_trip_is_told_with_its_code():
 def test_the_leg_is_drawn_at_once_and_bent_when_the_shapes_are_there():
     with watched() as both:
         for stage in both.plan.stages[:4]:
-            both.tap.stage(stage, None)
-        both.tap.tick(tick(0.002, counts_of(-5.0), angle_rad=1.2, target_rad=1.25))
+            both.run_queue.stage(stage, None)
+        both.run_queue.tick(tick(0.002, counts_of(-5.0), angle_rad=1.2, target_rad=1.25))
         both.run.beat()
         straight = both.run.leg
         assert straight["source"] == "shaft only" and straight["ghost"] is None and straight["height_m"] == 0.215
@@ -152,7 +152,7 @@ def seen(now_s, force_N, moment_Nm=0.0, rows=1):
 def test_a_share_passes_one_exactly_where_the_run_trips(pieces, expected_N):
     """Held against the very watch that stops a run."""
     expected = None if expected_N is None else Load(expected_N, 1.0)
-    watch, gauges = LoadWatch(LIMITS, SCALE), Gauges(LIMITS, SCALE)
+    watch, gauges = LoadMonitor(LIMITS, SCALE), Gauges(LIMITS, SCALE)
     watch.expect(expected)
     gauges.stage(expected)
     forces = [force_N for force_N, ticks in pieces for _ in range(ticks)]

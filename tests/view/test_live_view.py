@@ -10,7 +10,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 from rfca_rig.engine.run import Supervision, run_plan
-from rfca_rig.engine.wishes import Wishes
+from rfca_rig.engine.stop_request import StopRequest
 from rfca_rig.errors import BadInput, Stopped
 from rfca_rig.protocol.plan import Flap, MoveShaft, Rest
 from rfca_rig.view.live_view import LiveView
@@ -25,11 +25,11 @@ RIG = twin_rig()
 @contextmanager
 def viewed(bench, plan, port=0):
     """A view, which is gone afterwards however long it would have stayed."""
-    wishes, told = Wishes(), []
+    stop_request, told = StopRequest(), []
     facts = run_facts(plan, "SIM", bench.sensor.scale(), RIG.believed())
-    view = LiveView(facts, plan, wishes, lambda: (bench.sensor.health(), 0), told.append, port)
+    view = LiveView(facts, plan, stop_request, lambda: (bench.sensor.health(), 0), told.append, port)
     try:
-        yield view, Supervision(wishes=wishes, onlooker=view.tap), told
+        yield view, Supervision(stop_request=stop_request, observer=view.run_queue), told
     finally:
         view.close()
         view._process.kill()
@@ -53,8 +53,8 @@ def test_a_page_sees_all_of_a_run_and_the_recording_is_the_same_to_the_last_byte
         viewed(bench, plan) as (view, supervision, _),
         opened(view.url) as page,
     ):
-        run_plan(plan, bench, recorder, lambda stage: view.tap.line(stage.label), supervision)
-        view.tap.ended("done", "")
+        run_plan(plan, bench, recorder, lambda stage: view.run_queue.line(stage.label), supervision)
+        view.run_queue.ended("done", "")
         got = page.all_after_end()
         stroke = kept.finish().strokes[0]
         assert asked_to_stop(view.url, b'{"how": "now"}') == 409
@@ -64,7 +64,7 @@ def test_a_page_sees_all_of_a_run_and_the_recording_is_the_same_to_the_last_byte
     assert [stage["label"] for stage in hello["stages"]] == [stage.label for stage in plan.stages]
     assert (state["ended"], state["trip"], state["done"]) == ("done", None, 1.0)
     assert state["said"] == [stage.label for stage in plan.stages][-12:]
-    assert view.tap.lost == 0
+    assert view.run_queue.lost == 0
     low, high = drawn(got)
     assert low <= stroke.channel("fz_N")[1].min() + 1e-4 and high >= stroke.channel("fz_N")[1].max() - 1e-4
 
@@ -100,7 +100,7 @@ def test_a_view_that_is_killed_costs_the_run_nothing(tmp_path, unwatched):
                 os.kill(view.process_id, signal.SIGKILL)
 
         run_plan(plan, bench, recorder, progress, supervision)
-        view.tap.ended("done", "")
+        view.run_queue.ended("done", "")
         kept.finish()
         assert not view.is_alive
     assert (tmp_path / "run" / "run.h5").read_bytes() == unwatched
@@ -109,7 +109,7 @@ def test_a_view_that_is_killed_costs_the_run_nothing(tmp_path, unwatched):
 def test_a_page_opened_late_sees_how_the_run_ended_and_only_with_the_token(tmp_path):
     plan = one_condition(RIG)
     with recorder_on(RIG, tmp_path / "run") as (bench, _, _), viewed(bench, plan) as (view, _, _):
-        view.tap.ended("TRIP L-01: force 310.0 N", "L-01")
+        view.run_queue.ended("TRIP L-01: force 310.0 N", "L-01")
         view.close()
         with opened(view.url) as page:
             state = [message for message in page.all_after_end() if message["kind"] == "state"][-1]

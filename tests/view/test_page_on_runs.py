@@ -81,8 +81,8 @@ def test_a_run_is_seen_with_the_peaks_of_its_recording_and_its_end(tmp_path, wat
         visited(watched, view.url),
     ):
         expect(watched.page.locator("#mark b")).to_have_text("SIM")
-        run_plan(plan, bench, recorder, lambda stage: view.tap.line(stage.label), supervision)
-        view.tap.ended("done", "")
+        run_plan(plan, bench, recorder, lambda stage: view.run_queue.line(stage.label), supervision)
+        view.run_queue.ended("done", "")
         expect(watched.page.locator("#ended")).to_contain_text("The run has ended: done")
         stroke = kept.finish().strokes[0]
         for channel in ("fy_N", "fz_N", "tx_Nm"):  # the run was longer than the stroke, so there may be more
@@ -103,7 +103,7 @@ def test_the_button_stops_the_run(tmp_path, watched):
         watched.page.get_by_role("button", name="Torque off now").click()
         expect(watched.page.locator("#stop-answer")).to_have_text("Asked: torque off now.")
         with pytest.raises(Stopped, match="in the view"):
-            run_plan(plan, bench, recorder, lambda stage: view.tap.line(stage.label), supervision)
+            run_plan(plan, bench, recorder, lambda stage: view.run_queue.line(stage.label), supervision)
         assert len(told) == 1
         kept.finish()
 

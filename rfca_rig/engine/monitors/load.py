@@ -32,7 +32,7 @@ class Lasting:
         return float(device_s[-1]) - self.below_s
 
 
-class LoadWatch:
+class LoadMonitor:
     """Knows the peak since the stage began: `peak`."""
 
     def __init__(self, limits: Limits, scale: SensorScale) -> None:

@@ -9,7 +9,7 @@ from rfca_rig.protocol.plan import Approach, Flap, Limits, Stage
 from rfca_rig.trip_codes import Trip
 
 
-class Approaches:
+class RampUp:
     """Remembers the peaks of first strokes, condition by condition.
 
     The force at full speed is foretold three ways: in proportion to the model's, linear in the speed, and linear in its square, as

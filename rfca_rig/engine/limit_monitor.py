@@ -1,24 +1,24 @@
 """The limits, checked at every tick by the very loop that feeds the drive's watchdog."""
 
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples
-from rfca_rig.engine.watches.drive import check_drive
-from rfca_rig.engine.watches.force_sensor import SensorWatch
-from rfca_rig.engine.watches.load import LoadWatch
-from rfca_rig.engine.watches.shaft import ShaftWatch, Tracking
+from rfca_rig.engine.monitors.drive import check_drive
+from rfca_rig.engine.monitors.force_sensor import SensorMonitor
+from rfca_rig.engine.monitors.load import LoadMonitor
+from rfca_rig.engine.monitors.shaft import ShaftMonitor, Tracking
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.trip_codes import Trip
 
 
-class Watch:
+class LimitMonitor:
     """Raises Tripped, with the code, the value and the limit, as soon as one is passed."""
 
     def __init__(self, limits: Limits, scale: SensorScale, now_s: float) -> None:
         self._limits = limits
-        self._load = LoadWatch(limits, scale)
-        self._sensor = SensorWatch(limits, now_s)
-        self._shaft = ShaftWatch(limits, now_s)
+        self._load = LoadMonitor(limits, scale)
+        self._sensor = SensorMonitor(limits, now_s)
+        self._shaft = ShaftMonitor(limits, now_s)
 
     def expect(self, load: Load | None) -> None:
         """A stage begins, that is expected to bring so much."""

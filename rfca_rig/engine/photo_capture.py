@@ -4,7 +4,7 @@ from rfca_rig.drivers.roles import Photo, Photographer
 from rfca_rig.errors import RigError
 
 
-class Exposure:
+class PhotoCapture:
     """Looked at from within the control loop: never waits, and never lets the loop wait longer than `limit_s`.
 
     A camera's error ends its photo, not the run: force and shaft are measured all the same.

@@ -8,7 +8,7 @@ from rfca_rig.drivers.roles import ForceSamples, ShaftSamples
 Listener = Callable[[ShaftSamples, ForceSamples], None]
 
 
-class Tap:
+class SampleCollector:
     """Open while a stage runs; holds every block as it came, and hands it on."""
 
     def __init__(self, listener: Listener) -> None:

@@ -9,7 +9,7 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs.odrive_messages import Command
 from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.run import Supervision, run_plan
-from rfca_rig.engine.wishes import Wish, Wishes
+from rfca_rig.engine.stop_request import StopLevel, StopRequest
 from rfca_rig.errors import DeviceError, Stopped
 from rfca_rig.protocol.plan import Flap, MoveShaft
 from rfca_rig.recording.run_folder import read_stages
@@ -41,27 +41,29 @@ class WithAHandOnTheKey:
             self.press()
 
 
-def pressed(tmp_path, wish, at_s=IN_THE_FIRST_STROKE_S, repeats=3):
+def pressed(tmp_path, level, at_s=IN_THE_FIRST_STROKE_S, repeats=3):
     """What became of a run of three strokes: its stages, frames on the bus after the key, and the recorder."""
-    rig, wishes, done = twin_rig(), Wishes(), []
+    rig, stop_request, done = twin_rig(), StopRequest(), []
     with recorder_on(rig, tmp_path / "run") as (bench, recorder, _):
         wiretap = tapped(bench)
         before = []
 
         def press():
-            wishes.ask(wish, "stopped by a test")
+            stop_request.ask(level, "stopped by a test")
             before.append(len(wiretap.sent))
 
         clock = WithAHandOnTheKey(bench.clock, at_s, press)
         with pytest.raises(Stopped, match="stopped by a test") as found:
-            run_plan(one_condition(rig, repeats), replace(bench, clock=clock), recorder, done.append, Supervision(wishes=wishes))
+            run_plan(
+                one_condition(rig, repeats), replace(bench, clock=clock), recorder, done.append, Supervision(stop_request=stop_request)
+            )
         assert ends_without_torque(wiretap)
         motion = sum((frame.arbitration_id & 0x1F) in MOTION for frame in wiretap.sent[before[0] :])
     return done, motion, recorder, str(found.value), read_stages(tmp_path / "run")
 
 
 def test_once_the_stroke_is_finished_and_the_leg_brought_into_the_air(tmp_path):
-    done, _, recorder, said, kept = pressed(tmp_path, Wish.SAFE_POINT)
+    done, _, recorder, said, kept = pressed(tmp_path, StopLevel.SAFE_POINT)
     assert [stroke.repeat for stroke in kept.strokes] == [1]
     stroke, onwards, waiting = done[-3:]
     assert isinstance(stroke, Flap)
@@ -73,36 +75,36 @@ def test_once_the_stroke_is_finished_and_the_leg_brought_into_the_air(tmp_path):
 
 
 def test_twice_not_one_more_motion_frame_leaves(tmp_path):
-    _, motion, _, _, kept = pressed(tmp_path, Wish.LET_GO)
+    _, motion, _, _, kept = pressed(tmp_path, StopLevel.TORQUE_OFF)
     assert motion == 0
     assert kept.strokes == ()
     assert len(kept.raw) == 1
 
 
 def test_from_outside_the_shaft_slows_down_first(tmp_path):
-    _, motion, _, _, kept = pressed(tmp_path, Wish.EASE)
+    _, motion, _, _, kept = pressed(tmp_path, StopLevel.RAMP_DOWN)
     assert 90 <= motion <= 101
     assert kept.strokes == ()
 
 
 def test_a_wish_at_the_very_end_leaves_a_run_that_is_done(tmp_path):
-    rig, wishes = twin_rig(), Wishes()
+    rig, stop_request = twin_rig(), StopRequest()
     plan = one_condition(rig)
 
     def at_the_last(stage):
         if stage is plan.stages[-1]:
-            wishes.ask(Wish.SAFE_POINT, "too late")
+            stop_request.ask(StopLevel.SAFE_POINT, "too late")
 
     with recorder_on(rig, tmp_path / "run") as (bench, recorder, _):
-        run_plan(plan, bench, recorder, at_the_last, Supervision(wishes=wishes))
+        run_plan(plan, bench, recorder, at_the_last, Supervision(stop_request=stop_request))
         assert len(recorder.strokes) == 1
 
 
 def test_a_wish_is_only_replaced_by_a_more_urgent_one():
-    wishes = Wishes()
-    wishes.ask(Wish.EASE, "first")
-    wishes.ask(Wish.SAFE_POINT, "second")
-    assert (wishes.wish, wishes.why) == (Wish.EASE, "first")
+    stop_request = StopRequest()
+    stop_request.ask(StopLevel.RAMP_DOWN, "first")
+    stop_request.ask(StopLevel.SAFE_POINT, "second")
+    assert (stop_request.level, stop_request.why) == (StopLevel.RAMP_DOWN, "first")
 
 
 def test_after_the_stop_no_command_leaves_any_more(tmp_path):

@@ -14,7 +14,7 @@ SATURATED = np.uint32(0x00020000)  # bit 17: transducer saturation or A/D error
 ANY_ERROR = np.uint32(0x7FFEFFFF)  # all but the summary and bit 16, a latched monitor condition
 
 
-class SensorWatch:
+class SensorMonitor:
     """Remembers when the last record came, and when its counts last changed."""
 
     def __init__(self, limits: Limits, now_s: float) -> None:

@@ -1,4 +1,4 @@
-"""Who watches a run go by: is told all that the loop knows, and can only wish."""
+"""Who observes a run: is told all that the loop knows, and can only request a stop."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -26,21 +26,21 @@ class Tick:
     status: MotorStatus | None
 
 
-class Onlooker(Protocol):
+class RunObserver(Protocol):
     """Called from within the control loop: has microseconds, never waits, and raises nothing."""
 
     def stage(self, stage: Stage, expected: Load | None) -> None:
         """A stage begins, in which the sensor is expected to feel so much; None where nobody knows."""
 
     def energising(self) -> None:
-        """The rack is set, and the motor about to be energised; a wish that came up meanwhile is to be made now."""
+        """The rack is set, and the motor about to be energised; a stop request that came up meanwhile is to be made now."""
 
     def tick(self, tick: Tick) -> None:
         """A tick is over. Its samples are with the sink by now; the limits have not been held against them yet."""
 
 
-class Nobody:
-    """Watches nothing."""
+class NullObserver:
+    """Observes nothing."""
 
     def stage(self, stage: Stage, expected: Load | None) -> None:
         del stage, expected
@@ -52,4 +52,4 @@ class Nobody:
         del tick
 
 
-NOBODY = Nobody()
+NULL_OBSERVER = NullObserver()

@@ -7,7 +7,7 @@ import pytest
 
 from rfca_rig.clock import HURRIES_S, TwinClock, WatchedTwinClock
 from rfca_rig.engine.run import Supervision, run_plan
-from rfca_rig.engine.wishes import Wish, Wishes
+from rfca_rig.engine.stop_request import StopLevel, StopRequest
 from rfca_rig.errors import Stopped, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Flap
@@ -18,27 +18,27 @@ from tests.engine.test_stops import tapped
 class Looking:
     """Remembers everything."""
 
-    def __init__(self, wishes=None):
-        self._wishes = wishes
+    def __init__(self, stop_request=None):
+        self._stop_request = stop_request
         self.stages, self.ticks = [], []
 
     def stage(self, stage, expected):
         self.stages.append((stage, expected))
 
     def energising(self):
-        if self._wishes is not None:
-            self._wishes.ask(Wish.SAFE_POINT, "stopped by a test")
+        if self._stop_request is not None:
+            self._stop_request.ask(StopLevel.SAFE_POINT, "stopped by a test")
 
     def tick(self, tick):
         self.ticks.append(tick)
 
 
-def looked_at(tmp_path, plan, expected=None, wishes=None):
-    rig, looking = twin_rig(), Looking(wishes)
+def looked_at(tmp_path, plan, expected=None, stop_request=None):
+    rig, looking = twin_rig(), Looking(stop_request)
     with recorder_on(rig, tmp_path / "run") as (bench, recorder, kept):
         wiretap = tapped(bench)
         try:
-            run_plan(plan, bench, recorder, nothing, Supervision(expected or {}, wishes or Wishes(), looking))
+            run_plan(plan, bench, recorder, nothing, Supervision(expected or {}, stop_request or StopRequest(), looking))
         except (Stopped, Tripped) as error:
             looking.error = error
         return looking, bench, wiretap, kept.so_far()
@@ -67,7 +67,7 @@ def test_the_tick_that_trips_is_seen_too(tmp_path):
 
 
 def test_a_stop_that_is_wished_for_while_the_rack_is_set_energises_nothing(tmp_path):
-    looking, _, wiretap, kept = looked_at(tmp_path, one_condition(twin_rig()), wishes=Wishes())
+    looking, _, wiretap, kept = looked_at(tmp_path, one_condition(twin_rig()), stop_request=StopRequest())
     assert isinstance(looking.error, Stopped) and not looking.ticks and not kept.strokes
     with_motion, _, moved, _ = looked_at(tmp_path / "whole", one_condition(twin_rig()))
     assert with_motion.ticks and len(wiretap.sent) < 10 < len(moved.sent)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from rfca_rig.engine.approaching import Approaches
+from rfca_rig.engine.ramp_up import RampUp
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Approach, Flap
@@ -21,7 +21,7 @@ def energy(speed_rad_s, offset_N=20.0):
 
 
 def test_a_force_that_goes_with_the_square_is_foretold_exactly():
-    approaches = Approaches(LIMITS, {})
+    approaches = RampUp(LIMITS, {})
     approaches.take(HALF, energy(2.0))
     approaches.take(MORE, energy(3.0))
     assert approaches.foretold(MORE, energy(3.0)).force_N == pytest.approx(energy(4.0).force_N)
@@ -29,14 +29,14 @@ def test_a_force_that_goes_with_the_square_is_foretold_exactly():
 
 def test_the_model_s_proportion_counts_where_it_is_larger():
     expected = {HALF: Load(30.0, 3.0), MORE: Load(40.0, 4.0), FULL: Load(80.0, 6.0)}
-    approaches = Approaches(LIMITS, expected)
+    approaches = RampUp(LIMITS, expected)
     approaches.take(HALF, Load(33.0, 3.0))
     assert approaches.foretold(HALF, Load(33.0, 3.0)).force_N == pytest.approx(33.0 * 80.0 / 30.0)
     assert approaches.foretold(HALF, Load(33.0, 3.0)).torque_Nm == pytest.approx(6.0)
 
 
 def test_it_never_foretells_less_than_was_felt():
-    approaches = Approaches(LIMITS, {HALF: Load(60.0, 6.0), FULL: Load(30.0, 3.0)})
+    approaches = RampUp(LIMITS, {HALF: Load(60.0, 6.0), FULL: Load(30.0, 3.0)})
     approaches.take(HALF, Load(50.0, 5.0))
     approaches.take(MORE, Load(45.0, 4.0))
     assert approaches.foretold(MORE, Load(45.0, 4.0)) == Load(45.0, 4.0)
@@ -44,7 +44,7 @@ def test_it_never_foretells_less_than_was_felt():
 
 @pytest.mark.parametrize(("limit_N", "goes_on"), [(281.0, True), (279.0, False)])
 def test_full_speed_is_not_run_where_it_would_pass_the_limit(limit_N, goes_on):
-    approaches = Approaches(replace(LIMITS, force_N=limit_N), {})
+    approaches = RampUp(replace(LIMITS, force_N=limit_N), {})
     approaches.take(HALF, energy(2.0, 120.0))
     if goes_on:
         approaches.take(MORE, energy(3.0, 120.0))
@@ -55,7 +55,7 @@ def test_full_speed_is_not_run_where_it_would_pass_the_limit(limit_N, goes_on):
 
 
 def test_conditions_do_not_speak_for_one_another():
-    approaches = Approaches(LIMITS, {})
+    approaches = RampUp(LIMITS, {})
     approaches.take(HALF, energy(2.0))
     elsewhere = replace(MORE, height_m=0.235)
     assert approaches.foretold(elsewhere, Load(5.0, 0.5)) == Load(5.0, 0.5)

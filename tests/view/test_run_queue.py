@@ -1,13 +1,13 @@
-"""The run's end of the view: whole ticks or none, words before the ticks after them, wishes that only grow."""
+"""The run's end of the view: whole ticks or none, words before the ticks after them, stop_request that only grow."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from rfca_rig.engine.wishes import Wish
+from rfca_rig.engine.stop_request import StopLevel
 from rfca_rig.recording.journal import framed, size_of
-from rfca_rig.view.tap import MOST_OWED
+from rfca_rig.view.run_queue import MOST_OWED
 from rfca_rig.view.tick_block import Stamp, tick_block, ticks_of
 from tests.engine.rigs import one_condition, twin_rig
 from tests.view.seen import counts_of, tick, watched
@@ -36,11 +36,11 @@ def test_a_tick_comes_out_as_it_went_in():
 def test_where_the_view_is_behind_whole_ticks_are_left_out_and_counted():
     with watched(queue_bytes=20_000) as both:
         for one in ticks(50):
-            both.tap.tick(one)
-        lost = both.tap.lost
+            both.run_queue.tick(one)
+        lost = both.run_queue.lost
         assert 0 < lost < 50 * 30 and lost % 30 == 0
         both.run.beat()
-        both.tap.tick(next(ticks(1)))
+        both.run_queue.tick(next(ticks(1)))
         both.run.beat()
         values = {line.name: line.value for line in both.run.source._health.told()}
         assert values["lost to the view"] == f"{lost} records"
@@ -49,32 +49,32 @@ def test_where_the_view_is_behind_whole_ticks_are_left_out_and_counted():
 def test_a_view_that_is_gone_costs_neither_memory_nor_words():
     with watched(queue_bytes=2_000) as both:
         for one in ticks(20):
-            both.tap.tick(one)
+            both.run_queue.tick(one)
             both.clock.wait_until(both.clock.now_s() + 1.0)
         for number in range(3 * MOST_OWED):
-            both.tap.line(f"line {number}")
-        assert len(both.tap._owed) == MOST_OWED
+            both.run_queue.line(f"line {number}")
+        assert len(both.run_queue._owed) == MOST_OWED
 
 
 def test_words_that_had_no_room_come_later_and_in_their_order():
     with watched(queue_bytes=20_000) as both:
         for one in ticks(50):
-            both.tap.tick(one)
+            both.run_queue.tick(one)
         for number in range(5):
-            both.tap.line(f"line {number}")
+            both.run_queue.line(f"line {number}")
         both.run.beat()
-        both.tap.tick(next(ticks(1)))
+        both.run_queue.tick(next(ticks(1)))
         both.run.beat()
         assert both.run.source.state()["said"] == [f"line {number}" for number in range(5)]
 
 
-@pytest.mark.parametrize(("how", "wish"), [("safe point", Wish.SAFE_POINT), ("now", Wish.LET_GO)])
-def test_a_stop_that_the_page_asks_for_is_a_wish_at_the_next_tick(how, wish):
+@pytest.mark.parametrize(("how", "level"), [("safe point", StopLevel.SAFE_POINT), ("now", StopLevel.TORQUE_OFF)])
+def test_a_stop_that_the_page_asks_for_is_a_wish_at_the_next_tick(how, level):
     with watched() as both:
         assert both.run.stop(how)
-        assert both.wishes.wish is Wish.GO_ON
-        both.tap.tick(tick(0.002, counts_of(1.0)))
-        assert both.wishes.wish is wish and "in the view" in both.wishes.why
+        assert both.stop_request.level is StopLevel.GO_ON
+        both.run_queue.tick(tick(0.002, counts_of(1.0)))
+        assert both.stop_request.level is level and "in the view" in both.stop_request.why
         assert len(both.told) == 1
         assert both.run.source.state()["stop_asked"] == how
 
@@ -83,9 +83,9 @@ def test_a_wish_is_never_taken_back_and_an_end_is_no_longer_wished_for():
     with watched() as both:
         both.run.stop("now")
         assert both.run.stop("safe point")
-        both.tap.energising()
-        assert both.wishes.wish is Wish.LET_GO
-        both.tap.ended("done", "")
+        both.run_queue.energising()
+        assert both.stop_request.level is StopLevel.TORQUE_OFF
+        both.run_queue.ended("done", "")
         both.run.beat()
         assert not both.run.stop("now")
 
@@ -100,7 +100,7 @@ def test_stages_are_known_by_their_place_also_when_the_same_comes_again():
     with watched(given=replace(once, stages=(*once.stages, *once.stages))) as both:
         numbers = []
         for stage in both.plan.stages:
-            both.tap.stage(stage, None)
+            both.run_queue.stage(stage, None)
             both.run.beat()
             numbers.append(both.run.source.state()["stage"])
         assert numbers == list(range(len(both.plan.stages)))

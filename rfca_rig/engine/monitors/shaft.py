@@ -25,7 +25,7 @@ class Tracking:
     speed_rad_s: float
 
 
-class ShaftWatch:
+class ShaftMonitor:
     """Remembers the last report, and since when the shaft has not followed at all."""
 
     def __init__(self, limits: Limits, now_s: float) -> None:

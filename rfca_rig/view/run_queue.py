@@ -1,4 +1,4 @@
-"""The run's end of the view: what the loop saw goes into a queue that drops what does not fit, and the operator's wish comes back.
+"""The run's end of the view: what the loop saw goes into a queue that drops what does not fit, and the operator's stop request comes back.
 
 Costs the loop microseconds a tick, whatever becomes of the view: one that is slow, stopped or gone leaves a queue that is full.
 """
@@ -10,8 +10,8 @@ from dataclasses import asdict
 
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.roles import StreamHealth
-from rfca_rig.engine.onlooker import Tick
-from rfca_rig.engine.wishes import Wish, Wishes
+from rfca_rig.engine.observer import Tick
+from rfca_rig.engine.stop_request import StopLevel, StopRequest
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.block_queue import BlockQueue
@@ -22,23 +22,29 @@ VITALS_EVERY_S = 0.25
 MOST_OWED = 500  # words that wait for room; with a view that is gone for good they are not gathered without end
 
 Vitals = Callable[[], tuple[StreamHealth, int]]
-WHY = {Wish.SAFE_POINT: "stopped by the operator, in the view", Wish.LET_GO: "stopped at once by the operator, in the view"}
+WHY = {StopLevel.SAFE_POINT: "stopped by the operator, in the view", StopLevel.TORQUE_OFF: "stopped at once by the operator, in the view"}
 
 
-class Tap:
-    """Implements `engine.onlooker.Onlooker`. `lost` counts the force records that the view did not get, which every recording has.
+class RunQueue:
+    """Implements `engine.observer.RunObserver`. `lost` counts the force records that the view did not get, which every recording has.
 
-    The queue's word back, for a recorder the stages it has acknowledged, is the operator's wish here. `vitals` tells how the sensor's
-    stream is, and the bytes that the recorder is behind; `told` is called with a line as soon as a stop was asked for.
+    What the queue acknowledges, for a recorder its stages, is the operator's stop request here. `vitals` gives the state of the sensor's
+    stream, and the bytes that the recorder is behind; `told` is called with a line as soon as a stop was asked for.
     """
 
     def __init__(
-        self, queue: BlockQueue, stages: Sequence[Stage], wishes: Wishes, clock: Clock, vitals: Vitals, told: Callable[[str], None]
+        self,
+        queue: BlockQueue,
+        stages: Sequence[Stage],
+        stop_request: StopRequest,
+        clock: Clock,
+        vitals: Vitals,
+        told: Callable[[str], None],
     ) -> None:
         """`clock` is the one that the view's process has, too."""
         self._queue = queue
         self._stages = stages
-        self._wishes = wishes
+        self._stop_request = stop_request
         self._clock = clock
         self._vitals = vitals
         self._told = told
@@ -96,7 +102,7 @@ class Tap:
         return True
 
     def _hear(self) -> None:
-        wish = Wish(min(self._queue.acknowledged, Wish.LET_GO))
-        if wish > self._wishes.wish and wish in WHY and not self._wishes.is_over:
-            self._wishes.ask(wish, WHY[wish])
-            self._told("the view asks for a stop " + ("at the next safe point" if wish is Wish.SAFE_POINT else "now"))
+        level = StopLevel(min(self._queue.acknowledged, StopLevel.TORQUE_OFF))
+        if level > self._stop_request.level and level in WHY and not self._stop_request.is_over:
+            self._stop_request.ask(level, WHY[level])
+            self._told("the view asks for a stop " + ("at the next safe point" if level is StopLevel.SAFE_POINT else "now"))
