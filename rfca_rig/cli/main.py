@@ -10,35 +10,35 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 from rfca_rig import __version__
-from rfca_rig.cli import (
-    calibrating,
-    checking,
-    contracting,
+from rfca_rig.cli.commands import (
+    calibrate,
+    check,
+    contract,
     crosscheck,
-    diagnosing,
-    doctoring,
-    drafting,
+    diagnose,
+    doctor,
     dynamic,
-    explaining,
-    exporting,
+    export,
     fatigue,
-    fitting,
-    importing,
-    listing,
-    planning,
-    predicting,
-    proving,
-    recovering,
-    reporting,
-    resuming,
-    serving,
+    fit,
+    import_folder,
+    init,
+    plan,
+    predict,
+    prove,
+    recover,
+    report,
+    resume,
+    runs,
     static,
     strip,
-    sweeping,
-    viewing,
+    sweep,
+    trip,
+    twin,
+    view,
 )
 from rfca_rig.cli.completion import add_completions
-from rfca_rig.cli.streams import make_safe
+from rfca_rig.cli.encoding import use_ascii_fallback
 from rfca_rig.errors import BadInput, RigError, Stopped, Tripped
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
@@ -54,28 +54,28 @@ app = typer.Typer(
 app.add_typer(dynamic.app, name="dynamic")
 app.add_typer(static.app, name="static")
 app.add_typer(fatigue.app, name="fatigue")
-app.add_typer(serving.app, name="twin")
-app.add_typer(calibrating.app, name="calibrate")
-app.add_typer(exporting.app, name="export")
-app.command("init")(drafting.init)
-app.command("import")(importing.import_folder)
-app.command("resume")(resuming.resume)
-app.command("recover")(recovering.recover)
-app.command("check")(checking.check)
-app.command("runs")(listing.runs)
-app.command("plan")(planning.plan)
-app.command("predict")(predicting.predict)
-app.command("report")(reporting.report)
-app.command("fit")(fitting.fit)
-app.command("diagnose")(diagnosing.diagnose)
-app.command("prove")(proving.prove)
+app.add_typer(twin.app, name="twin")
+app.add_typer(calibrate.app, name="calibrate")
+app.add_typer(export.app, name="export")
+app.command("init")(init.init)
+app.command("import")(import_folder.import_folder)
+app.command("resume")(resume.resume)
+app.command("recover")(recover.recover)
+app.command("check")(check.check)
+app.command("runs")(runs.runs)
+app.command("plan")(plan.plan)
+app.command("predict")(predict.predict)
+app.command("report")(report.report)
+app.command("fit")(fit.fit)
+app.command("diagnose")(diagnose.diagnose)
+app.command("prove")(prove.prove)
 app.command("crosscheck")(crosscheck.crosscheck)
 app.command("strip")(strip.strip)
-app.command("sweep")(sweeping.sweep)
-app.command("doctor")(doctoring.doctor)
-app.command("view")(viewing.view)
-app.command("contract")(contracting.contract)
-app.command("trip")(explaining.trip)
+app.command("sweep")(sweep.sweep)
+app.command("doctor")(doctor.doctor)
+app.command("view")(view.view)
+app.command("contract")(contract.contract)
+app.command("trip")(trip.trip)
 
 
 def _print_version(wanted: bool) -> None:
@@ -95,7 +95,7 @@ def _options(
 
 def run() -> None:
     """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 4 worn out, 130 stopped."""
-    make_safe()
+    use_ascii_fallback()
     logging.getLogger("can").setLevel(logging.ERROR)  # python-can warns of every frame that came in two pieces
     try:
         sys.exit(_command()(standalone_mode=False) or 0)

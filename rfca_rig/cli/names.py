@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 
-from rfca_rig.cli.places import PACKAGE, folders_of
+from rfca_rig.cli.paths import PACKAGE, folders_of
 from rfca_rig.logbook import entry
 from rfca_rig.logbook.wanted import VERDICTS as ANY_VERDICT
 from rfca_rig.trip_codes import Trip

@@ -20,7 +20,7 @@ from rfca_rig.analysis.crosscheck import (
 )
 from rfca_rig.analysis.mujoco_leg import hang, mujoco_leg
 from rfca_rig.analysis.mujoco_stroke import leg_on_springs, stroke_in_mujoco, stroke_on_springs
-from rfca_rig.cli.crosscheck import crosscheck
+from rfca_rig.cli.commands.crosscheck import crosscheck
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.chain import at_rest, chain_of
 from rfca_rig.model.stroke import stroke_at_speed

@@ -288,7 +288,7 @@ def test_a_trip_has_its_own_exit_code(here, monkeypatch, capsys):
 
 
 def test_a_mistake_of_ours_is_admitted_in_one_line(monkeypatch, capsys):
-    monkeypatch.setattr("rfca_rig.cli.places.find_file", lambda *_: 1 / 0)
+    monkeypatch.setattr("rfca_rig.cli.paths.find_file", lambda *_: 1 / 0)
     answer = typed(monkeypatch, capsys, "predict", "--height", 215, "--speed", 2)
     assert answer.exit_code == 1
     assert "a mistake in rfca-rig, not yours: ZeroDivisionError" in answer.err
@@ -306,7 +306,7 @@ def test_an_input_that_ends_before_the_rack_is_set_is_one_clear_line(here, monke
 
     monkeypatch.setattr("typer.prompt", lambda *_, **__: "320")
     monkeypatch.setattr("builtins.input", ended)
-    monkeypatch.setattr("rfca_rig.cli.running.open_bench", twin_that_counts_as_real)
+    monkeypatch.setattr("rfca_rig.cli.run_experiment.open_bench", twin_that_counts_as_real)
     answer = typed(monkeypatch, capsys, "dynamic", "run", "--rig", "example-real-rig", "--height", 215, "--speed", 2)
     assert answer.exit_code == 2
     assert re.search(r"REAL the drive's watchdog stops the motor after 0\.\d+ s of silence", answer.err)

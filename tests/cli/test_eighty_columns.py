@@ -12,9 +12,9 @@ import typer
 
 from rfca_rig.analysis.fitting.parameters import PARAMETERS
 from rfca_rig.analysis.fitting.result import FittedParameter, _line
+from rfca_rig.cli.encoding import use_ascii_fallback
 from rfca_rig.cli.lines import fitted
 from rfca_rig.cli.main import app
-from rfca_rig.cli.streams import make_safe
 from rfca_rig.errors import BadInput
 from tests.cli.typed import typed
 from tests.logbook.made import TRIPPED, plan, run
@@ -89,7 +89,7 @@ def test_prose_goes_on_between_words_and_a_path_stays_whole():
 def test_what_an_encoding_cannot_carry_is_written_in_another_way(monkeypatch, encoding):
     held = io.BytesIO()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(held, encoding=encoding))
-    make_safe()
+    use_ascii_fallback()
     text = "K\u00f6lle \u00b1 7\u00b0 \u2212 \u6f22 \U0001d6fc \udce9"
     print(json.dumps(text, ensure_ascii=False))
     sys.stdout.flush()
@@ -102,7 +102,7 @@ def test_what_an_encoding_cannot_carry_is_written_in_another_way(monkeypatch, en
 
 
 def test_no_colour_means_no_colour(here, monkeypatch, capsys):
-    from rfca_rig.cli.doctoring import _lines
+    from rfca_rig.cli.commands.doctor import _lines
     from rfca_rig.doctor.finding import green
 
     monkeypatch.delenv("NO_COLOR", raising=False)

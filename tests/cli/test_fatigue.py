@@ -71,9 +71,9 @@ class Wearing:
 
 @pytest.mark.long
 def test_a_leg_that_has_become_too_soft_ends_the_run(here, monkeypatch, capsys):
-    import rfca_rig.cli.running
+    import rfca_rig.cli.run_experiment
 
-    monkeypatch.setattr("rfca_rig.cli.running.run_plan", Wearing(rfca_rig.cli.running.run_plan))
+    monkeypatch.setattr("rfca_rig.cli.run_experiment.run_plan", Wearing(rfca_rig.cli.run_experiment.run_plan))
     path = protocol(here, ("every = 12", "every = 2"))
     said = typed(monkeypatch, capsys, "fatigue", "run", "--protocol", path, "--cycles", 8)
     assert said.exit_code == 4

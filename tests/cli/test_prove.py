@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.cli import proving
+from rfca_rig.cli.commands import prove as prove_command
 from rfca_rig.exam.cases import DEFAULT_NUMBERS
 from tests.cli.typed import typed
 from tests.exam_cases.examinees import wants_more_data
@@ -73,7 +73,7 @@ def test_a_stopped_exam_leaves_nobody_behind_and_goes_on_where_it_stood(monkeypa
     said = prove(monkeypatch, capsys, out, "--so-far")
     assert said.exit_code == 0 and "poor data: wrong names" in said.out and "0 of 1" in said.out
     assert "3 cases of the kind" in (out / "exam.html").read_text() and "1 of them so far" in (out / "exam.html").read_text()
-    monkeypatch.setattr(proving, "diagnose_as_typed", wants_more_data)
+    monkeypatch.setattr(prove_command, "diagnose_as_typed", wants_more_data)
     said = prove(monkeypatch, capsys, out, *EXAM)
     assert said.exit_code == 0
     assert "poor data: wrong names" in said.out and "0 of 3" in said.out
@@ -82,7 +82,7 @@ def test_a_stopped_exam_leaves_nobody_behind_and_goes_on_where_it_stood(monkeypa
 
 
 def test_what_is_written_and_said(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr(proving, "diagnose_as_typed", wants_more_data)
+    monkeypatch.setattr(prove_command, "diagnose_as_typed", wants_more_data)
     said = prove(monkeypatch, capsys, tmp_path / "exam", *EXAM, "--workers", 1)
     assert said.exit_code == 0
     assert said.err.strip() == f"{tmp_path / 'exam' / 'exam.html'}: the whole result"

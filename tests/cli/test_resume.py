@@ -229,7 +229,7 @@ def test_a_part_that_records_nothing_leaves_the_run_with_what_it_had(stopped, mo
         raise Stopped("not now")
 
     with monkeypatch.context() as patched:
-        patched.setattr("rfca_rig.cli.running.run_plan", stopped_at_once)
+        patched.setattr("rfca_rig.cli.run_experiment.run_plan", stopped_at_once)
         assert typed(monkeypatch, capsys, "resume", run).exit_code == 130
     assert len(read_recording(run / "run.h5").strokes) == 1
     assert Path(run / "end.json").is_file()

@@ -47,7 +47,7 @@ def test_an_interrupted_run_is_recovered_and_what_it_says_to_type_next_works(her
 
 def test_a_disk_that_fills_up_stops_the_run_in_one_line_and_the_rest_is_kept(here, monkeypatch, capsys):
     disk = FullDisk(here, 5_300_000)
-    monkeypatch.setattr("rfca_rig.cli.running.can_be_started", lambda: False)
+    monkeypatch.setattr("rfca_rig.cli.run_experiment.can_be_started", lambda: False)
     with instead(disk):
         answer = typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 4)
     assert answer.exit_code == 1

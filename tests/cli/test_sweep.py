@@ -22,7 +22,7 @@ GRID = ("--vary", "height_mm=215,235", "--vary", "k0=10:12:3", "--outputs", "val
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     """A folder to work in, and cases that are computed in this process: others are tested with the executor."""
-    monkeypatch.setattr(local, "executor", lambda _: nullcontext(InProcessExecutor()))
+    monkeypatch.setattr(local, "process_executor", lambda _: nullcontext(InProcessExecutor()))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -9,8 +9,8 @@ import sys
 
 import pytest
 
-from rfca_rig.cli import looking_on
-from rfca_rig.cli.looking_on import viewing_of
+from rfca_rig.cli import attach_view
+from rfca_rig.cli.attach_view import viewing_of
 from rfca_rig.view import live_view
 from tests.cli.typed import typed
 from tests.view.pages import opened, stream_of
@@ -30,7 +30,7 @@ def views(monkeypatch):
             super().__init__(*words)
             started.append(self)
 
-    monkeypatch.setattr(looking_on, "LiveView", Noted)
+    monkeypatch.setattr(attach_view, "LiveView", Noted)
     yield started
     for view in started:
         view._process.kill()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.cli import proving
+from rfca_rig.cli.commands import prove
 from tests.cli.typed import typed
 from tests.cluster.slurm_node import missing, slurm_node
 from tests.exam_cases.examinees import wants_more_data
@@ -57,7 +57,7 @@ def none_left() -> bool:
 
 
 def test_an_exam_has_the_same_bytes_as_here_and_leaves_no_job(monkeypatch, capsys, tmp_path, cluster):
-    monkeypatch.setattr(proving, "diagnose_as_typed", wants_more_data)
+    monkeypatch.setattr(prove, "diagnose_as_typed", wants_more_data)
     for name, words in (("here", ("--workers", 1)), ("there", cluster)):
         said = typed(monkeypatch, capsys, "prove", "--out", tmp_path / name, *EXAM, *words)
         assert said.exit_code == 0

@@ -6,7 +6,7 @@ import can
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rfca_rig.cli.doctoring import WIDTH, _lines
+from rfca_rig.cli.commands.doctor import WIDTH, _lines
 from rfca_rig.codecs.cubemars_ranges import mit_ranges
 from rfca_rig.codecs.odrive_messages import Dialect
 from rfca_rig.doctor.finding import red

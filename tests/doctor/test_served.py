@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from rfca_rig.cli.doctoring import WIDTH
+from rfca_rig.cli.commands.doctor import WIDTH
 from tests.cli.typed import Said, typed
 from tests.engine.rigs import ROOT
 from tests.twin_server.server import Server, serving

@@ -35,9 +35,9 @@ def hangs_at_the_second(campaign: Path, into: Path) -> None:
 def main() -> None:
     """`rfca-rig prove` as typed, examining the one that hangs."""
     from rfca_rig.cli import main as command
-    from rfca_rig.cli import proving
+    from rfca_rig.cli.commands import prove
 
-    proving.diagnose_as_typed = hangs_at_the_second
+    prove.diagnose_as_typed = hangs_at_the_second
     sys.argv = ["rfca-rig", *sys.argv[1:]]
     command.run()
 

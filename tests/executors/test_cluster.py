@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.cli import proving
+from rfca_rig.cli.commands import prove
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.base import InProcessExecutor
 from rfca_rig.executors.cluster import connected
@@ -78,7 +78,7 @@ def content(exam: Path) -> dict[str, bytes]:
 
 @pytest.mark.long
 def test_an_exam_has_the_same_bytes_by_processes_and_by_a_cluster(monkeypatch, capsys, tmp_path, address):
-    monkeypatch.setattr(proving, "diagnose_as_typed", wants_more_data)
+    monkeypatch.setattr(prove, "diagnose_as_typed", wants_more_data)
     for name, words in (("here", ("--workers", 1)), ("there", ("--cluster", address))):
         said = typed(monkeypatch, capsys, "prove", "--out", tmp_path / name, *EXAM, *words)
         assert (said.exit_code, said.err) == (0, f"{tmp_path / name / 'exam.html'}: the whole result\n")
@@ -99,7 +99,7 @@ def test_an_exam_whose_command_was_killed_goes_on_where_it_stood(monkeypatch, ca
     command.send_signal(signal.SIGKILL)
     command.wait()
     before = {path: path.stat().st_mtime_ns for path in first.iterdir()}
-    monkeypatch.setattr(proving, "diagnose_as_typed", wants_more_data)
+    monkeypatch.setattr(prove, "diagnose_as_typed", wants_more_data)
     assert typed(monkeypatch, capsys, "prove", "--out", out, *EXAM, "--cluster", address).exit_code == 0
     assert {path: path.stat().st_mtime_ns for path in first.iterdir()} == before
     assert (out / "diagnoses" / "case-0002" / "diagnosis.json").is_file()

@@ -77,7 +77,7 @@ def _diagnosed(folders: dict[str, tuple[Path, Path]], without: tuple[str, ...], 
 
 def diagnose_quietly(without: tuple[str, ...], job: tuple[Path, Path]) -> str | None:
     """One diagnosis, what it prints unheard; the reason where the recordings cannot be used."""
-    from rfca_rig.cli.diagnosing import diagnose
+    from rfca_rig.cli.commands.diagnose import diagnose
     from rfca_rig.errors import RigError
     from rfca_rig.recording.whole import whole
 

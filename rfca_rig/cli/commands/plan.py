@@ -11,7 +11,7 @@ from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json, Model, Rig
 
 if TYPE_CHECKING:
-    from rfca_rig.cli.order import Order
+    from rfca_rig.cli.run_config import RunConfig
     from rfca_rig.protocol.check import Load
     from rfca_rig.protocol.plan import Plan, Stage
 
@@ -30,23 +30,23 @@ def plan(
 
     It is the very list that a run walks. Example: rfca-rig plan table2 --rig calibration/my-rig.toml
     """
-    from rfca_rig.cli.examining import examined
-    from rfca_rig.cli.ordering import Asked, order_of
+    from rfca_rig.cli.preflight import examined
+    from rfca_rig.cli.run_options import Asked, order_of
     from rfca_rig.cli.terminal import marked
     from rfca_rig.description.planning import read_plan
 
-    order = order_of(Asked(rig, protocol, model, Path("runs"), is_dry=True), read_plan)
-    expected = examined(order, marked(order.mark, as_json))
+    config = order_of(Asked(rig, protocol, model, Path("runs"), is_dry=True), read_plan)
+    expected = examined(config, marked(config.mark, as_json))
     if as_json:
-        typer.echo(json.dumps(_as_data(order.plan, expected), indent=1))
+        typer.echo(json.dumps(_as_data(config.plan, expected), indent=1))
         return
-    lines = _lines(order, expected, None if every else MOST_LINES)
-    print_lines((f"{order.mark} {line}" for line in lines), indent=f"{order.mark} " + " " * LABEL_AT)
+    lines = _lines(config, expected, None if every else MOST_LINES)
+    print_lines((f"{config.mark} {line}" for line in lines), indent=f"{config.mark} " + " " * LABEL_AT)
 
 
-def _lines(order: "Order", expected: "Mapping[Stage, Load]", most: int | None) -> list[str]:
-    plan = order.plan
-    head = [f"{order.rig.rig.title}: {plan.title}", f"{'stage':>5} {'until':>9}  {'MB':>5} {'N':>5} {'N m':>5}  what"]
+def _lines(config: "RunConfig", expected: "Mapping[Stage, Load]", most: int | None) -> list[str]:
+    plan = config.plan
+    head = [f"{config.rig.rig.title}: {plan.title}", f"{'stage':>5} {'until':>9}  {'MB':>5} {'N':>5} {'N m':>5}  what"]
     rows = _rows(plan, expected)
     shown = rows if most is None or len(rows) <= most else [*rows[:most], f"... {len(rows) - most} stages more; --all prints them"]
     limits = plan.limits

@@ -46,7 +46,7 @@ def _title(code: str) -> str:
 
 
 def _page(code: str) -> str:
-    from rfca_rig.cli.places import folders_of
+    from rfca_rig.cli.paths import folders_of
     from rfca_rig.errors import BadInput
 
     for folder in folders_of("docs"):

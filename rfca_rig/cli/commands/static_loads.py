@@ -85,7 +85,7 @@ def force(
         found.append(("these angles", find_tip_force(_leg(rig, model), shape, float(np.radians(angle_std))), None))
     else:
         from rfca_rig.campaign.opening import open_recordings
-        from rfca_rig.cli.static_reporting import read_held_against
+        from rfca_rig.cli.commands.static_report import read_held_against
         from rfca_rig.description.believed import believed_model
         from rfca_rig.model.parameters import GRAVITY_M_S2
 
@@ -110,7 +110,7 @@ def force(
 
 
 def _leg(rig: str, model: Path | None) -> "Leg":
-    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.paths import find_file
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig
 

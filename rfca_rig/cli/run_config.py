@@ -1,4 +1,4 @@
-"""What a run command was asked for."""
+"""The configuration of a run command."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,7 +24,7 @@ class Viewing:
 
 
 @dataclass(frozen=True)
-class Order:
+class RunConfig:
     """What the command line asked for: the files as read, their text for the recording, where runs go, how to speak.
 
     A `model` replaces what the rig file believes; a twin stays what its rig file says. `eye` is there where photos are to be taken,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli import static_loads, static_photos, static_reporting
+from rfca_rig.cli.commands import static_loads, static_photos, static_report
 from rfca_rig.cli.options import Dry, Fault, Json, Model, Operator, Pace, Rig, Runs, Sample, Seed, View, ViewPort
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 app = typer.Typer(help="The static experiment: turn the shaft in stages, let the leg settle, measure.", no_args_is_help=True)
 
 
-app.command("report")(static_reporting.report)
+app.command("report")(static_report.report)
 app.command("photos")(static_photos.photos)
 app.command("load")(static_loads.load)
 app.command("force")(static_loads.force)
@@ -46,25 +46,25 @@ def run(
 
     Example: rfca-rig static run
     """
-    from rfca_rig.cli.looking_on import viewing_of
-    from rfca_rig.cli.ordering import Asked, order_of
-    from rfca_rig.cli.running import carry_out
+    from rfca_rig.cli.attach_view import viewing_of
+    from rfca_rig.cli.run_experiment import carry_out
+    from rfca_rig.cli.run_options import Asked, order_of
     from rfca_rig.description.protocol_file import read_static
     from rfca_rig.protocol.experiments import static_plan
 
     viewing = viewing_of(view, view_port, pace)
     asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing, faults=fault or ())
-    order = order_of(asked, lambda path, facts: static_plan(read_static(path).static_stages(), facts))
-    folder, recorder = carry_out(order, say_stage)
+    config = order_of(asked, lambda path, facts: static_plan(read_static(path).static_stages(), facts))
+    folder, recorder = carry_out(config, say_stage)
     if folder is None or recorder is None:
         return
     if as_json:
-        _print_json(order.mark, folder, recorder.stages)
+        _print_json(config.mark, folder, recorder.stages)
     else:
         for line in static_photos.photo_lines(recorder.stages):
-            typer.echo(f"{order.mark} {line}", err=True)
+            typer.echo(f"{config.mark} {line}", err=True)
         following = f"static report {folder}" if any(stage.overlay for stage in recorder.stages) else f"report {folder} --out report"
-        typer.echo(f"{order.mark} recorded {len(recorder.stages)} stages in {folder}; next: rfca-rig {following}", err=True)
+        typer.echo(f"{config.mark} recorded {len(recorder.stages)} stages in {folder}; next: rfca-rig {following}", err=True)
 
 
 def say_stage(stage: "Stage", recorder: "Recorder", say: "Say") -> None:

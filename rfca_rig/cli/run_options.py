@@ -1,12 +1,12 @@
-"""From the options that every run command takes to its order."""
+"""From the options that every run command takes to its configuration."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from rfca_rig.bench.twin_faults import Mishaps
-from rfca_rig.cli.order import Order, Viewing
-from rfca_rig.cli.places import find_file
+from rfca_rig.cli.paths import find_file
+from rfca_rig.cli.run_config import RunConfig, Viewing
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.description.toml import read_text
@@ -34,13 +34,13 @@ class Asked:
     faults: Sequence[str] = ()
 
 
-def order_of(asked: Asked, plan_of: Callable[[Path, RigFacts], Plan]) -> Order:
+def order_of(asked: Asked, plan_of: Callable[[Path, RigFacts], Plan]) -> RunConfig:
     """`plan_of` reads the protocol's file into the plan of a rig. Raises BadInput for whatever cannot be used."""
     rig_path, protocol_path = find_file("calibration", asked.rig), find_file("protocols", asked.protocol)
     rig = read_rig(rig_path)
     plan = plan_of(protocol_path, rig.facts())
     eye, camera_text = _eye(rig, plan)
-    return Order(
+    return RunConfig(
         rig=rig,
         rig_text=read_text(rig_path),
         protocol_text=read_text(protocol_path),

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rfca_rig.cli.encoding import takes_colours
 from rfca_rig.cli.options import Json, Runs
-from rfca_rig.cli.streams import takes_colours
 
 if TYPE_CHECKING:
     from rfca_rig.description.rig_file import RigFile
@@ -32,7 +32,7 @@ def doctor(rig: RigToCheck = None, runs: Runs = Path("runs"), as_json: Json = Fa
     Nothing is sent that could turn the shaft; not to be used while a run is going on, for it takes over the sensor's stream.
     Exit code 1 where something is red.
     """
-    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.paths import find_file
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.doctor.finding import Colour

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import typer
 
 from rfca_rig.bench.outcome import Outcome
-from rfca_rig.cli.order import Order, Viewing
+from rfca_rig.cli.run_config import RunConfig, Viewing
 from rfca_rig.cli.terminal import Say
 from rfca_rig.clock import TwinClock, WatchedTwinClock
 from rfca_rig.drivers.roles import StreamHealth
@@ -24,25 +24,25 @@ def viewing_of(is_asked: bool, port: int | None, pace: float) -> Viewing | None:
     return Viewing(port or 0, pace) if is_asked or port is not None else None
 
 
-def twin_clock(order: Order) -> TwinClock:
+def twin_clock(config: RunConfig) -> TwinClock:
     """Who looks on wants to see the leg move as it would; otherwise a twin is as fast as it can be."""
-    return WatchedTwinClock(order.viewing.pace) if order.viewing and order.viewing.pace else TwinClock()
+    return WatchedTwinClock(config.viewing.pace) if config.viewing and config.viewing.pace else TwinClock()
 
 
-class LookedOn:
+class ViewSession:
     """A run's view, or none."""
 
-    def __init__(self, order: Order, bench: Bench, stop_request: StopRequest) -> None:
+    def __init__(self, config: RunConfig, bench: Bench, stop_request: StopRequest) -> None:
         """Raises BadInput for a port that is taken, RigError where the view cannot be started."""
         self._bench = bench
-        self._mark = order.mark
+        self._mark = config.mark
         self._keeper: Keeper | None = None
         self._say: Say | None = None
         self._view: LiveView | None = None
-        if order.viewing is not None:
-            facts = run_facts(order.plan, order.mark, bench.sensor.scale(), order.believes.believed())
-            self._view = LiveView(facts, order.plan, stop_request, self._vitals, self._tell, order.viewing.port)
-            typer.echo(f"{order.mark} watch the run, and stop it, at {self._view.url}", err=True)
+        if config.viewing is not None:
+            facts = run_facts(config.plan, config.mark, bench.sensor.scale(), config.believes.believed())
+            self._view = LiveView(facts, config.plan, stop_request, self._vitals, self._tell, config.viewing.port)
+            typer.echo(f"{config.mark} watch the run, and stop it, at {self._view.url}", err=True)
 
     @property
     def observer(self) -> RunObserver:
@@ -86,9 +86,9 @@ class LookedOn:
 
 
 @contextmanager
-def looked_on(order: Order, bench: Bench, stop_request: StopRequest) -> Iterator[LookedOn]:
-    """For the length of the block. Raises as LookedOn does."""
-    looking = LookedOn(order, bench, stop_request)
+def attach_view(config: RunConfig, bench: Bench, stop_request: StopRequest) -> Iterator[ViewSession]:
+    """For the length of the block. Raises as ViewSession does."""
+    looking = ViewSession(config, bench, stop_request)
     try:
         yield looking
     finally:

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.diagnosing_each import diagnose_each
+from rfca_rig.cli.commands.diagnose_each import diagnose_each
 from rfca_rig.cli.executors import Cluster, Workers
 from rfca_rig.cli.options import Json, Pdf, Rig, Runs, Seed
 from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
-    from rfca_rig.cli.closing_the_loop import Loop
+    from rfca_rig.cli.commands.close_the_loop import Loop
     from rfca_rig.diagnosis.result import Diagnosis
     from rfca_rig.mechanism.plant import Plant
     from rfca_rig.protocol.plan import Limits
@@ -95,8 +95,8 @@ def diagnose(
     elif not close_the_loop:
         diagnosis = _diagnosed(open_with_belief(paths), asked)
     else:
-        from rfca_rig.cli.closing_the_loop import Loop
-        from rfca_rig.cli.places import find_file
+        from rfca_rig.cli.commands.close_the_loop import Loop
+        from rfca_rig.cli.paths import find_file
 
         options = {"--rig": rig if rig != "twin" else None, "--rounds": rounds if rounds != 3 else None, "--seed": seed}
         command = typed("diagnose", *paths, *known, "--close-the-loop", options=options)
@@ -145,7 +145,7 @@ class Asked:
 def _in_rounds(loop: "Loop", asked: Asked) -> "Diagnosis":
     """The last diagnosis, after the experiments that were proposed."""
     from rfca_rig.campaign.opening import open_with_belief
-    from rfca_rig.cli.closing_the_loop import close_the_loop
+    from rfca_rig.cli.commands.close_the_loop import close_the_loop
     from rfca_rig.description.rig_file import read_rig
 
     recordings = open_with_belief(asked.paths)

@@ -53,19 +53,19 @@ def run(
 
     Example: rfca-rig dynamic run --height 215 --speed 2.433 --repeats 5
     """
-    from rfca_rig.cli.looking_on import viewing_of
-    from rfca_rig.cli.ordering import Asked, order_of
-    from rfca_rig.cli.running import carry_out
+    from rfca_rig.cli.attach_view import viewing_of
+    from rfca_rig.cli.run_experiment import carry_out
+    from rfca_rig.cli.run_options import Asked, order_of
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.protocol.experiments import flapping_plan
 
     viewing = viewing_of(view, view_port, pace)
     asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing, faults=fault or ())
-    order = order_of(asked, lambda path, facts: flapping_plan(_as_asked(read_dynamic(path), height, speed, repeats).flapping(), facts))
+    config = order_of(asked, lambda path, facts: flapping_plan(_as_asked(read_dynamic(path), height, speed, repeats).flapping(), facts))
     valleys = Valleys()
-    folder, _ = carry_out(order, valleys.say_stage)
+    folder, _ = carry_out(config, valleys.say_stage)
     if folder is not None:
-        _close(order.mark, folder, valleys.rows, report, as_json)
+        _close(config.mark, folder, valleys.rows, report, as_json)
 
 
 def _as_asked(protocol: "DynamicFile", height_mm: float | None, speed_rad_s: float | None, repeats: int | None) -> "DynamicFile":
@@ -119,7 +119,7 @@ def _close(mark: str, folder: Path, rows: list[dict[str, float | None]], report:
     import json
 
     if report is not None:
-        from rfca_rig.cli.reporting import write
+        from rfca_rig.cli.commands.report import write
 
         write([folder], report, "average", as_json=False, quiet=as_json)
     if as_json:

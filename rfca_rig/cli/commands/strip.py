@@ -22,7 +22,7 @@ def strip(
 
     from rfca_rig.analysis.strips import compare_strips
     from rfca_rig.cli.first_compile import tell_first_compile
-    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.paths import find_file
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.rig_file import read_rig
 

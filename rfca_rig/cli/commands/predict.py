@@ -29,7 +29,7 @@ def predict(
 
     from rfca_rig.analysis.prediction import predict_stroke, write_csv
     from rfca_rig.cli.first_compile import tell_first_compile
-    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.paths import find_file
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig

@@ -50,7 +50,7 @@ def serve(
     from rfca_rig.bench.openings import Openings
     from rfca_rig.bench.served import open_served
     from rfca_rig.cli.first_compile import SAID
-    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.paths import find_file
     from rfca_rig.cli.terminal import marked
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
@@ -73,7 +73,7 @@ def serve(
                 say(address)
             if as_json:
                 typer.echo(json.dumps(served.reached.names))
-            served.serve(orders, seconds or float("inf"), lambda order: say(f"fault {order.name} {'on' if order.on else 'off'}"))
+            served.serve(orders, seconds or float("inf"), lambda config: say(f"fault {config.name} {'on' if config.on else 'off'}"))
         except KeyboardInterrupt:
             raise Stopped(f"stopped by the operator; {served.status()}") from None
         say(served.status())

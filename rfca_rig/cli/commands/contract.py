@@ -14,7 +14,7 @@ def contract(
 
     Example: rfca-rig contract our-rig.toml
     """
-    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.paths import find_file
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput
 

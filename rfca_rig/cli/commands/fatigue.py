@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rfca_rig.analysis.stiffness_drift import Drift
     from rfca_rig.bench.begun import Begun
     from rfca_rig.bench.recorder import Recorder
-    from rfca_rig.cli.order import Order
+    from rfca_rig.cli.run_config import RunConfig
     from rfca_rig.cli.terminal import Say
     from rfca_rig.description.protocol_file import FatigueFile
     from rfca_rig.protocol.cycles import StiffnessCheck
@@ -50,19 +50,19 @@ def run(
 
     A run that was stopped goes on with `rfca-rig resume RUN`. Example: rfca-rig fatigue run --cycles 1000
     """
-    from rfca_rig.cli.looking_on import viewing_of
-    from rfca_rig.cli.ordering import Asked, order_of
-    from rfca_rig.cli.running import carry_out
+    from rfca_rig.cli.attach_view import viewing_of
+    from rfca_rig.cli.run_experiment import carry_out
+    from rfca_rig.cli.run_options import Asked, order_of
     from rfca_rig.description.protocol_file import read_fatigue
     from rfca_rig.protocol.fatigue import fatigue_plan
 
     viewing = viewing_of(view, view_port, pace)
     asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing)
-    order = order_of(asked, lambda path, facts: fatigue_plan(_as_asked(read_fatigue(path), cycles).fatigue(), facts))
-    say_bending(order)
-    folder, _ = carry_out(order, Watcher().say_stage)
+    config = order_of(asked, lambda path, facts: fatigue_plan(_as_asked(read_fatigue(path), cycles).fatigue(), facts))
+    say_bending(config)
+    folder, _ = carry_out(config, Watcher().say_stage)
     if folder is not None:
-        close(order.mark, folder, as_json)
+        close(config.mark, folder, as_json)
 
 
 def _as_asked(protocol: "FatigueFile", cycles: int | None) -> "FatigueFile":
@@ -72,15 +72,15 @@ def _as_asked(protocol: "FatigueFile", cycles: int | None) -> "FatigueFile":
     return protocol if cycles is None else checked({**protocol.model_dump(), "cycles": cycles}, type(protocol), "--cycles")
 
 
-def say_bending(order: "Order") -> None:
+def say_bending(config: "RunConfig") -> None:
     """What the model says of a cycle, before anything moves."""
     from rfca_rig.bench.expected_turns import expected_bending
     from rfca_rig.cli.terminal import marked
     from rfca_rig.protocol.cycles import cycles_in
 
-    for height_m, speed_rad_s in sorted({(stage.height_m, stage.speed_rad_s) for stage in cycles_in(order.plan)}):
-        bending = expected_bending(order.believes.model(), height_m, speed_rad_s)
-        marked(order.mark, order.quiet)(f"a cycle at {1e3 * height_m:.1f} mm bends the leg by {bending.text()}, says the model")
+    for height_m, speed_rad_s in sorted({(stage.height_m, stage.speed_rad_s) for stage in cycles_in(config.plan)}):
+        bending = expected_bending(config.believes.model(), height_m, speed_rad_s)
+        marked(config.mark, config.quiet)(f"a cycle at {1e3 * height_m:.1f} mm bends the leg by {bending.text()}, says the model")
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Watcher:
     begun: "Begun | None" = None
 
     def say_stage(self, stage: "Stage", recorder: "Recorder", say: "Say") -> None:
-        from rfca_rig.cli.dynamic import say_valley
+        from rfca_rig.cli.commands.dynamic import say_valley
         from rfca_rig.protocol.cycles import Cycles, StiffnessCheck
         from rfca_rig.protocol.plan import Flap
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.campaign.opening import open_with_belief
-from rfca_rig.cli.order import Order
-from rfca_rig.cli.running import carry_out
+from rfca_rig.cli.run_config import RunConfig
+from rfca_rig.cli.run_experiment import carry_out
 from rfca_rig.cli.terminal import Say, marked
 from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.planning import read_plan
@@ -71,7 +71,7 @@ def _run(loop: Loop, rig: RigFile, first: Recording, number: int) -> Path:
     """The proposed protocol on the rig, as the run commands do it: plan printed and checked, a real rig armed by what is typed."""
     path = loop.out / NEXT_PROTOCOL
     model, model_text = belief(rig, first)
-    order = Order(
+    config = RunConfig(
         rig=rig,
         rig_text=read_text(loop.rig_path),
         protocol_text=read_text(path),
@@ -83,7 +83,7 @@ def _run(loop: Loop, rig: RigFile, first: Recording, number: int) -> Path:
         model=model,
         model_text=model_text,
     )
-    folder, _ = carry_out(order, _unsaid)
+    folder, _ = carry_out(config, _unsaid)
     if folder is None:
         raise BadInput(f"{path}: nothing was recorded")
     return folder

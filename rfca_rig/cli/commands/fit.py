@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rfca_rig.cli.commands.report import Shaft, refuse_leg_options
 from rfca_rig.cli.executors import Cluster, Told, open_executor
 from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json
-from rfca_rig.cli.reporting import Shaft, refuse_leg_options
 from rfca_rig.cli.writable import out_file
 
 if TYPE_CHECKING:

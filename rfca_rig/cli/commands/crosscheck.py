@@ -33,7 +33,7 @@ def crosscheck(
     from rfca_rig.analysis.crosscheck import check_condition, check_own_contact
     from rfca_rig.analysis.mujoco_leg import load_mujoco
     from rfca_rig.cli.first_compile import tell_first_compile
-    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.paths import find_file
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.description.rig_file import read_rig

@@ -94,7 +94,7 @@ def _asked(
 
 
 def _of_file(name: str) -> "tuple[SweepPlan, list[str | Path]]":
-    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.paths import find_file
     from rfca_rig.sweep.sweep_file import plan_of, read_sweep
 
     path = find_file("sweeps", name)
@@ -109,7 +109,7 @@ def _is_path(name: str) -> bool:
 
 
 def _model(rig: str | None, model: Path | None) -> "RigModel":
-    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.paths import find_file
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput

@@ -22,7 +22,7 @@ ASCII = {
 }
 
 
-def make_safe() -> None:
+def use_ascii_fallback() -> None:
     """For standard output and the error stream of this process; those of another kind, as in tests, stay as they are."""
     codecs.register_error(NAME, _in_ascii)
     for stream in (sys.stdout, sys.stderr):

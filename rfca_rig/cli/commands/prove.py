@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli import diagnosing
+from rfca_rig.cli.commands import diagnose
 from rfca_rig.cli.executors import Cluster, Workers, open_executor
 from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json, Pdf
@@ -100,7 +100,7 @@ def _tell(result: "Examined", out: Path, as_json: bool) -> None:
 def diagnose_as_typed(campaign: Path, into: Path, without: list[str] | None = None) -> None:
     """The command `rfca-rig diagnose` itself, what it prints unheard."""
     with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-        diagnosing.diagnose([campaign], into, without=without)
+        diagnose.diagnose([campaign], into, without=without)
 
 
 def diagnose_without(effect: str, campaign: Path, into: Path) -> None:

@@ -8,8 +8,8 @@ from rfca_rig.bench import provenance
 from rfca_rig.bench.going_on import ending_of, go_on
 from rfca_rig.bench.outcome import Outcome
 from rfca_rig.bench.recorder import Recorder
-from rfca_rig.cli.order import Order
 from rfca_rig.cli.progress import progress
+from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.terminal import Say, marked
 from rfca_rig.description.own_devices import texts_of
 from rfca_rig.engine.bench import Bench
@@ -26,11 +26,11 @@ from rfca_rig.recording.tally import tally_of
 from rfca_rig.twin_server.agenda import Switching
 
 
-def open_folder(order: Order, folder: Path, bench: Bench) -> None:
-    if order.begun is None:
-        run_folder.create(folder, _header(order, bench))
+def open_folder(config: RunConfig, folder: Path, bench: Bench) -> None:
+    if config.begun is None:
+        run_folder.create(folder, _header(config, bench))
     else:
-        go_on(order.begun, bench.clock, provenance.operator(order.operator), order.twin_seed, order.rig_changes)
+        go_on(config.begun, bench.clock, provenance.operator(config.operator), config.twin_seed, config.rig_changes)
 
 
 def note_end(recorder: Recorder, why: str) -> None:
@@ -56,23 +56,23 @@ class Kept:
     outcome: Outcome
 
 
-def finish(order: Order, run: Kept, quiet: bool = False) -> None:
+def finish(config: RunConfig, run: Kept, quiet: bool = False) -> None:
     """The recording as a whole, with what the photos show. Raises RigError with what to do where the disk has no room for it.
 
     How far it has come is told unless it is to be `quiet`, as below another bar.
     """
     try:
         run.keeper.finish(run.outcome.why)
-        with progress(order.quiet or quiet) as bars:
-            _read_photos(order, run, bars.counting("reading photos"))
-            _put_together(order, run, bars.counting("stages into run.h5"))
+        with progress(config.quiet or quiet) as bars:
+            _read_photos(config, run, bars.counting("reading photos"))
+            _put_together(config, run, bars.counting("stages into run.h5"))
     except RigError as error:
         safe = f"{run.keeper.acknowledged} stages are safe in {run.folder}"
         kind = DiskFull if isinstance(error, DiskFull) else RigError
         raise kind(f"{error}; {safe}, type rfca-rig recover {run.folder} (where the disk is full, make room first)") from error
 
 
-def _put_together(order: Order, run: Kept, told: Watcher) -> None:
+def _put_together(config: RunConfig, run: Kept, told: Watcher) -> None:
     recorder = run.recorder
     known = {
         **provenance.ended(run.bench, run.outcome, recorder.worst_gap_s),
@@ -83,26 +83,26 @@ def _put_together(order: Order, run: Kept, told: Watcher) -> None:
         **provenance.streams(run.bench),
         "recorder_samples": f"{recorder.samples} handed over, {recorder.refused} refused",
     }
-    write_ending(run.folder, ending_of(run.folder, known, run.recorder.stages, order.begun, order.eye))
+    write_ending(run.folder, ending_of(run.folder, known, run.recorder.stages, config.begun, config.eye))
     run_folder.build(run.folder, told)
 
 
-def _read_photos(order: Order, run: Kept, told: Watcher) -> None:
-    if order.eye is not None:
-        marked(order.mark, order.quiet)(f"motor off; reading {sum(bool(stage.photo) for stage in run.recorder.stages)} photos ...")
-        run.recorder.read_photos(run.folder, order.eye, told)
+def _read_photos(config: RunConfig, run: Kept, told: Watcher) -> None:
+    if config.eye is not None:
+        marked(config.mark, config.quiet)(f"motor off; reading {sum(bool(stage.photo) for stage in run.recorder.stages)} photos ...")
+        run.recorder.read_photos(run.folder, config.eye, told)
 
 
-def keep(order: Order, run: Kept, say: Say) -> None:
+def keep(config: RunConfig, run: Kept, say: Say) -> None:
     """A run cut short keeps what it recorded; one that recorded nothing leaves nothing behind."""
     try:
-        if run.recorder.samples or order.begun:
-            finish(order, run, quiet=True)
+        if run.recorder.samples or config.begun:
+            finish(config, run, quiet=True)
             after = " --after-trip" if run.outcome.exit_status == Tripped.exit_code else ""
             say(f"kept {counted(run.folder)} in {run.folder}; rfca-rig resume {run.folder}{after} goes on")
         else:
             run.keeper.finish(run.outcome.why)
-            _read_photos(order, run, unwatched)
+            _read_photos(config, run, unwatched)
             run_folder.discard(run.folder)
     except RigError as also:
         say(str(also))
@@ -116,27 +116,27 @@ def counted(folder: Path) -> str:
     return f"{cycles}{kept.strokes} strokes and {kept.static} static stages{cut_short}"
 
 
-def _header(order: Order, bench: Bench) -> Recording:
-    known_to = order.believes.known_to.model_dump(exclude_none=True) if order.believes.known_to else {}
-    seed = {} if order.twin_seed is None else {"seed": str(order.twin_seed)}
-    named = {"rig": order.rig_name} if order.rig_name else {}
-    named |= {"twin_faults": ", ".join(_told(fault) for fault in order.faults)} if order.faults else {}
-    texts = {"rig_file": order.rig_text, "protocol_file": order.protocol_text}
-    texts |= ({"model_file": order.model_text} if order.model else {}) | ({"camera_file": order.camera_text} if order.eye else {})
-    texts |= texts_of(order.rig.motor, order.rig.force_sensor)
-    texts |= {f"effect_{name}_file": text for name, text in lab_texts([one.id for one in order.believes.effects]).items()}
+def _header(config: RunConfig, bench: Bench) -> Recording:
+    known_to = config.believes.known_to.model_dump(exclude_none=True) if config.believes.known_to else {}
+    seed = {} if config.twin_seed is None else {"seed": str(config.twin_seed)}
+    named = {"rig": config.rig_name} if config.rig_name else {}
+    named |= {"twin_faults": ", ".join(_told(fault) for fault in config.faults)} if config.faults else {}
+    texts = {"rig_file": config.rig_text, "protocol_file": config.protocol_text}
+    texts |= ({"model_file": config.model_text} if config.model else {}) | ({"camera_file": config.camera_text} if config.eye else {})
+    texts |= texts_of(config.rig.motor, config.rig.force_sensor)
+    texts |= {f"effect_{name}_file": text for name, text in lab_texts([one.id for one in config.believes.effects]).items()}
     return Recording(
-        title=order.plan.title,
-        source="REAL" if order.rig.is_real else "SIM",
-        believed=order.believes.believed(),
+        title=config.plan.title,
+        source="REAL" if config.rig.is_real else "SIM",
+        believed=config.believes.believed(),
         known_to=known_to,
         strokes=(),
         static=(),
         provenance={
             **provenance.made_by(bench),
-            **provenance.people(order.operator, order.sample),
+            **provenance.people(config.operator, config.sample),
             **provenance.files(texts),
-            **provenance.planned(order.plan),
+            **provenance.planned(config.plan),
             **provenance.devices(bench),
             **seed,
             **named,

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from rfca_rig.bench.begun import Begun
     from rfca_rig.bench.recorder import Recorder
-    from rfca_rig.cli.order import Order
+    from rfca_rig.cli.run_config import RunConfig
     from rfca_rig.cli.terminal import Say
     from rfca_rig.protocol.plan import Stage
 
@@ -42,20 +42,20 @@ def resume(
     from dataclasses import replace
 
     from rfca_rig.bench.begun import read_begun
-    from rfca_rig.cli.fatigue import say_bending
-    from rfca_rig.cli.looking_on import viewing_of
-    from rfca_rig.cli.running import carry_out
+    from rfca_rig.cli.attach_view import viewing_of
+    from rfca_rig.cli.commands.fatigue import say_bending
+    from rfca_rig.cli.run_experiment import carry_out
     from rfca_rig.cli.terminal import marked
 
     begun = read_begun(run.parent if run.suffix == ".h5" else run)
-    order = replace(_order(begun, rig, as_json, dry_run), viewing=viewing_of(view, view_port, pace), operator=operator)
+    config = replace(_order(begun, rig, as_json, dry_run), viewing=viewing_of(view, view_port, pace), operator=operator)
     _check_trip(begun, after_trip)
-    marked(order.mark, as_json)(f"{begun.folder} stopped: {begun.why}; what remains of its plan:")
-    if order.plan.experiment == "fatigue":
-        say_bending(order)
-    folder, _ = carry_out(order, _on_stage(begun))
+    marked(config.mark, as_json)(f"{begun.folder} stopped: {begun.why}; what remains of its plan:")
+    if config.plan.experiment == "fatigue":
+        say_bending(config)
+    folder, _ = carry_out(config, _on_stage(begun))
     if folder is not None:
-        _close(order, begun, as_json)
+        _close(config, begun, as_json)
 
 
 def _check_trip(begun: "Begun", after_trip: bool) -> None:
@@ -65,13 +65,13 @@ def _check_trip(begun: "Begun", after_trip: bool) -> None:
         raise BadInput(f"{begun.folder}: was stopped by {begun.why}; look at the rig, then say --after-trip to go on")
 
 
-def _order(begun: "Begun", rig: str | None, as_json: bool, dry_run: bool) -> "Order":
+def _order(begun: "Begun", rig: str | None, as_json: bool, dry_run: bool) -> "RunConfig":
     from dataclasses import replace
 
     from rfca_rig.bench.same_rig import rig_to_go_on
-    from rfca_rig.cli.closing_the_loop import belief
-    from rfca_rig.cli.order import Order
-    from rfca_rig.cli.places import find_file
+    from rfca_rig.cli.commands.close_the_loop import belief
+    from rfca_rig.cli.paths import find_file
+    from rfca_rig.cli.run_config import RunConfig
     from rfca_rig.errors import BadInput
     from rfca_rig.protocol.remaining import remaining
 
@@ -84,7 +84,7 @@ def _order(begun: "Begun", rig: str | None, as_json: bool, dry_run: bool) -> "Or
     now = rig_to_go_on(begun, find_file("calibration", name), deliberately=rig is not None)
     model, model_text = belief(now.rig, begun.header)
     camera_text = kept.get("camera_file", "") if left.photos else ""
-    return Order(
+    return RunConfig(
         rig=now.rig,
         rig_text=now.text,
         protocol_text=kept["protocol_file"],
@@ -104,26 +104,26 @@ def _order(begun: "Begun", rig: str | None, as_json: bool, dry_run: bool) -> "Or
 
 
 def _on_stage(begun: "Begun") -> "Callable[[Stage, Recorder, Say], None]":
-    from rfca_rig.cli.dynamic import say_valley
-    from rfca_rig.cli.fatigue import Watcher
-    from rfca_rig.cli.static import say_stage
+    from rfca_rig.cli.commands.dynamic import say_valley
+    from rfca_rig.cli.commands.fatigue import Watcher
+    from rfca_rig.cli.commands.static import say_stage
 
     return {"dynamic": say_valley, "static": say_stage, "fatigue": Watcher(begun).say_stage}[begun.plan.experiment]
 
 
-def _close(order: "Order", begun: "Begun", as_json: bool) -> None:
+def _close(config: "RunConfig", begun: "Begun", as_json: bool) -> None:
     import json
 
-    from rfca_rig.cli import fatigue
-    from rfca_rig.cli.keeping import counted
+    from rfca_rig.cli.commands import fatigue
+    from rfca_rig.cli.finalize_run import counted
     from rfca_rig.recording.layout import RECORDING
     from rfca_rig.recording.tally import tally_of
 
     if begun.plan.experiment == "fatigue":
-        fatigue.close(order.mark, begun.folder, as_json)
+        fatigue.close(config.mark, begun.folder, as_json)
     elif as_json:
         kept = tally_of(begun.folder / RECORDING, thorough=False)
         count = {"strokes": kept.strokes, "static_stages": kept.static, "resumed": begun.resumed + 1}
-        typer.echo(json.dumps({"source": order.mark, "run": str(begun.folder), **count}, indent=1))
+        typer.echo(json.dumps({"source": config.mark, "run": str(begun.folder), **count}, indent=1))
     else:
-        typer.echo(f"{order.mark} {counted(begun.folder)} in {begun.folder}; next: rfca-rig report {begun.folder} --out report", err=True)
+        typer.echo(f"{config.mark} {counted(begun.folder)} in {begun.folder}; next: rfca-rig report {begun.folder} --out report", err=True)

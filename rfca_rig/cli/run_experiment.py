@@ -8,11 +8,11 @@ from rfca_rig.bench.make import open_bench
 from rfca_rig.bench.outcome import Outcome
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.arming import ask_operator, prove_drive
-from rfca_rig.cli.examining import examined, print_plan, recorded_bytes
-from rfca_rig.cli.keeping import Kept, finish, keep, note_end, open_folder
-from rfca_rig.cli.looking_on import looked_on, twin_clock
-from rfca_rig.cli.order import Order
-from rfca_rig.cli.places import new_run_folder
+from rfca_rig.cli.attach_view import attach_view, twin_clock
+from rfca_rig.cli.finalize_run import Kept, finish, keep, note_end, open_folder
+from rfca_rig.cli.paths import new_run_folder
+from rfca_rig.cli.preflight import examined, print_plan, recorded_bytes
+from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.signals import heard
 from rfca_rig.cli.terminal import Say, marked, progress_bar
 from rfca_rig.engine.bench import Bench
@@ -26,32 +26,32 @@ from rfca_rig.recording.process_keeper import ProcessKeeper
 from rfca_rig.view.live_view import check_live_view
 
 
-def carry_out(order: Order, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path | None, Recorder | None]:
+def carry_out(config: RunConfig, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path | None, Recorder | None]:
     """The whole way from the printed plan to the finished recording; (None, None) after a dry run."""
-    if order.viewing is not None:
+    if config.viewing is not None:
         check_live_view()
-    say = marked(order.mark, order.quiet)
-    expected = examined(order, say)
-    print_plan(order, expected, say)
-    check_room(order.runs, recorded_bytes(order))
-    if order.dry:
+    say = marked(config.mark, config.quiet)
+    expected = examined(config, say)
+    print_plan(config, expected, say)
+    check_room(config.runs, recorded_bytes(config))
+    if config.dry:
         return None, None
-    if order.rig.is_real:
-        ask_operator(order)
-    return _record(order, Supervision(expected), on_stage)
+    if config.rig.is_real:
+        ask_operator(config)
+    return _record(config, Supervision(expected), on_stage)
 
 
-def _record(order: Order, supervision: Supervision, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path, Recorder]:
-    folder = order.begun.folder if order.begun else new_run_folder(order.runs, order.mark, order.plan.title)
+def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path, Recorder]:
+    folder = config.begun.folder if config.begun else new_run_folder(config.runs, config.mark, config.plan.title)
     with (
-        open_bench(order.rig, order.twin_seed, order.eye, twin_clock(order), order.faults) as bench,
-        looked_on(order, bench, supervision.stop_request) as looking,
+        open_bench(config.rig, config.twin_seed, config.eye, twin_clock(config), config.faults) as bench,
+        attach_view(config, bench, supervision.stop_request) as looking,
     ):
-        armed = prove_drive(order, bench) if bench.is_real else {}
-        open_folder(order, folder, bench)
+        armed = prove_drive(config, bench) if bench.is_real else {}
+        open_folder(config, folder, bench)
         keeper = _keeper(folder, bench)
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
-        with progress_bar(order.mark, order.plan.duration_s, order.quiet) as (advance, say_here):
+        with progress_bar(config.mark, config.plan.duration_s, config.quiet) as (advance, say_here):
             say = looking.begin(keeper, say_here)
 
             def progress(stage: Stage) -> None:
@@ -59,24 +59,24 @@ def _record(order: Order, supervision: Supervision, on_stage: Callable[[Stage, R
                 on_stage(stage, recorder, say)
 
             try:
-                if order.begun is None:
-                    recorder.note("run begins", title=order.plan.title, source=order.mark)
+                if config.begun is None:
+                    recorder.note("run begins", title=config.plan.title, source=config.mark)
                 if armed:
                     recorder.note("armed", **armed)
                 with heard(supervision.stop_request, say):
-                    run_plan(order.plan, bench, recorder, progress, replace(supervision, observer=looking.observer))
+                    run_plan(config.plan, bench, recorder, progress, replace(supervision, observer=looking.observer))
                 looking.over(None)
                 note_end(recorder, "done")
             except RigError as error:
                 looking.over(error)
                 note_end(recorder, str(error))
                 say(f"motor off: {recorder.standstill.text()}")
-                keep(order, Kept(folder, keeper, recorder, bench, Outcome.of(error)), say)
+                keep(config, Kept(folder, keeper, recorder, bench, Outcome.of(error)), say)
                 raise
             except BaseException as mistake:
                 keeper.finish(f"ended by {type(mistake).__name__}")
                 raise
-        finish(order, Kept(folder, keeper, recorder, bench, Outcome.of(None)))
+        finish(config, Kept(folder, keeper, recorder, bench, Outcome.of(None)))
     return folder, recorder
 
 
