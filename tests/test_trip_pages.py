@@ -10,7 +10,7 @@ from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Approach
 from rfca_rig.recording.blocks import event_block
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 from rfca_rig.recording.process_keeper import ProcessKeeper
 from rfca_rig.recording.run_folder import create
 from rfca_rig.trip_codes import Trip

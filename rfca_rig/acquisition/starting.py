@@ -4,7 +4,7 @@ import subprocess
 import sys
 from multiprocessing.connection import Connection
 
-from rfca_rig import own_process
+from rfca_rig import subprocesses
 from rfca_rig.acquisition.process import Assignment, acquire
 
 MODULE = "rfca_rig.acquisition.starting"
@@ -12,7 +12,7 @@ MODULE = "rfca_rig.acquisition.starting"
 
 def started(assignment: Assignment) -> tuple[subprocess.Popen[bytes], Connection]:
     """The process at work, and the way to talk to it."""
-    return own_process.started(MODULE, assignment)
+    return subprocesses.started(MODULE, assignment)
 
 
 if __name__ == "__main__":

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.counterpart import Counterpart, Shaft, counterparts
+from rfca_rig.analysis.matched_simulation import Counterpart, Shaft, counterparts
 from rfca_rig.analysis.phases import PHASES, Refused, StrokePhases, simulated_phases
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.analysis.valley import Valley, valley_and_phases
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.recording.form import Stroke
+from rfca_rig.recording.model import Stroke
 
 Floats = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.compare import ComparedCondition
-from rfca_rig.analysis.counterpart import Counterpart
+from rfca_rig.analysis.matched_simulation import Counterpart
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.repeats import Spread, spread_of
-from rfca_rig.recording.form import Stroke
+from rfca_rig.recording.model import Stroke
 
 Floats = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rfca_rig.recording.form import Stroke, collect_strokes_before
+from rfca_rig.recording.model import Stroke, collect_strokes_before
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.recording.form import Stroke
+from rfca_rig.recording.model import Stroke
 
 Floats = NDArray[np.float64]
 

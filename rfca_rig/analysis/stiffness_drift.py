@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rfca_rig.recording.form import StaticStage
+from rfca_rig.recording.model import StaticStage
 
 
 @dataclass(frozen=True)

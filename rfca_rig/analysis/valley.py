@@ -20,7 +20,7 @@ from rfca_rig.analysis.phases import (
     find_contact,
     smoothed,
 )
-from rfca_rig.recording.form import Stroke
+from rfca_rig.recording.model import Stroke
 
 Floats = NDArray[np.float64]
 

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.errors import TRIP, BadInput
-from rfca_rig.nearest import not_there
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.protocol.remaining import Done
 from rfca_rig.protocol.written_plan import plan_of
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.form import Recording, StaticStage
 from rfca_rig.recording.layout import stage_files
+from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.recording.outline import outline_of
 from rfca_rig.recording.run_text import Ending, events_of, read_ending, read_header
+from rfca_rig.suggestions import not_there
 
 RESUMED = "run resumed"
 ENDING_KEPT = ("ended", "exit_status", "reason", "ended_at", "lasted_s", "worst_loop_gap_ms", "sensor_records", "standstill", "interrupted")

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.bench.expected_turns import turn_loads
+from rfca_rig.bench.predicted_loads import turn_loads
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed, stroke_following

@@ -29,7 +29,7 @@ from rfca_rig.drivers.nidaqmx_gages import NidaqmxGages
 from rfca_rig.drivers.roles import ForceSensor
 from rfca_rig.drivers.serial_port import open_port
 from rfca_rig.errors import BadInput
-from rfca_rig.own_process import can_be_started
+from rfca_rig.subprocesses import can_be_started
 from rfca_rig.twins.ati_serial import AtiSerialTwin, AtiSerialTwinSettings
 from rfca_rig.twins.daq_ft import DaqFtTwin, DaqFtTwinSettings
 from rfca_rig.twins.datagram_link import Link, datagram_link

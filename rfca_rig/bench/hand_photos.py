@@ -12,7 +12,7 @@ from rfca_rig.description.rig_file import RigFile
 from rfca_rig.description.toml import model_of, read_text
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import Watcher, unwatched
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 from rfca_rig.recording.picture import FOLDER
 from rfca_rig.vision.leg_photo import Eye
 

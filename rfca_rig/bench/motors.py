@@ -25,7 +25,7 @@ from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.roles import ShaftMotor
 from rfca_rig.errors import BadInput
 from rfca_rig.guardian.guarded_bus import GuardedBus
-from rfca_rig.own_process import can_be_started
+from rfca_rig.subprocesses import can_be_started
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
 from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings

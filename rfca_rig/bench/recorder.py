@@ -21,8 +21,8 @@ from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.plan import Approach, Flap, Hold
 from rfca_rig.recording.blocks import Begin, Condition, End, event_block, samples_block, start_block
 from rfca_rig.recording.cycle_table import CYCLE_FORM, cycle_row
-from rfca_rig.recording.form import StaticStage, Stroke
 from rfca_rig.recording.keeper import Keeper
+from rfca_rig.recording.model import StaticStage, Stroke
 from rfca_rig.recording.rows import stream_of
 from rfca_rig.vision.leg_photo import Eye
 

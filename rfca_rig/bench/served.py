@@ -3,15 +3,15 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 
-from rfca_rig.bench.make import Twins, make_twins
+from rfca_rig.bench.factory import Twins, make_twins
+from rfca_rig.bench.fault_injection import dialect_of, events_of, served_faults_of
 from rfca_rig.bench.openings import Openings, Reached
 from rfca_rig.bench.served_devices import ServedSensor
-from rfca_rig.bench.twin_faults import dialect_of, events_of, served_faults_of
 from rfca_rig.clock import Clock
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.errors import BadInput
-from rfca_rig.twin_server.agenda import Agenda, Switching
 from rfca_rig.twin_server.control_port import ControlPort
+from rfca_rig.twin_server.fault_schedule import Agenda, Switching
 from rfca_rig.twin_server.faults import FaultPanel
 from rfca_rig.twin_server.fdcanusb_port import FdcanusbPort
 from rfca_rig.twin_server.real_time import RealTimeLoop

@@ -13,12 +13,12 @@ from rfca_rig.drivers.picture_file import read_picture
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import Watcher, counted, unwatched
 from rfca_rig.recording.atomic import write_atomically
-from rfca_rig.recording.form import Recording, StaticStage
+from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.recording.picture import FOLDER
 from rfca_rig.recording.sums import sum_line
 from rfca_rig.vision.hinge_angles import TELLABLE_STD_RAD, HingeAngles
 from rfca_rig.vision.leg_photo import Eye, LegPhoto, read_leg_photo
-from rfca_rig.vision.redness import Pixels
+from rfca_rig.vision.red_mask import Pixels
 
 OVERLAYS = "overlays"
 OVERLAY_QUALITY = 90

@@ -27,7 +27,7 @@ from rfca_rig.campaign.message_fields import (
 from rfca_rig.campaign.recorded_columns import ColumnList, ColumnRequest, RecordedColumns
 from rfca_rig.campaign.table import FEWEST_SAMPLES
 from rfca_rig.errors import BadInput
-from rfca_rig.nearest import suggestion
+from rfca_rig.suggestions import suggestion
 
 Floats = NDArray[np.float64]
 

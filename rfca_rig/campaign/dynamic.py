@@ -9,7 +9,7 @@ from rfca_rig.campaign.columns import DYNAMIC, fault_in_names, unit_of
 from rfca_rig.campaign.layout import DynamicRun
 from rfca_rig.campaign.table import Table, numbers, read_table
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.form import Column, Stream, Stroke
+from rfca_rig.recording.model import Column, Stream, Stroke
 
 Floats = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.nearest import suggestion
+from rfca_rig.suggestions import suggestion
 
 NS_PER_S = 1_000_000_000
 MOST_ENTRIES = 64  # of an array that `list_numbers` goes into: what is longer is a picture or a cloud of points

@@ -9,11 +9,11 @@ from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.believed import believed_model
 from rfca_rig.errors import BadInput
-from rfca_rig.nearest import not_there
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 from rfca_rig.recording.older_partial import partial_of, read_partial
 from rfca_rig.recording.store import read_recording
+from rfca_rig.suggestions import not_there
 
 RECORDING_NAME = "run.h5"
 

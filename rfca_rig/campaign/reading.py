@@ -15,7 +15,7 @@ from rfca_rig.description.toml import place_of, read_text, read_toml
 from rfca_rig.description.torque_rotation import with_curve_read
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import Watcher, counted, unwatched
-from rfca_rig.recording.form import Recording, StaticStage, Stroke
+from rfca_rig.recording.model import Recording, StaticStage, Stroke
 
 
 def read_campaign(folder: Path, told: Watcher = unwatched) -> Recording:

@@ -10,7 +10,7 @@ from rfca_rig.campaign.columns import STATIC, STATIC_NEEDED, fault_in_names
 from rfca_rig.campaign.table import Table, number, read_table, rows
 from rfca_rig.channels import HINGES
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.form import Direction, StaticStage
+from rfca_rig.recording.model import Direction, StaticStage
 
 DIRECTIONS = ("loading", "unloading")
 

@@ -13,8 +13,8 @@ from rfca_rig.campaign.stored_samples import InFile, InMemory, Samples
 from rfca_rig.protocol.plan import flap_label
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.cycle_table import CYCLES
-from rfca_rig.recording.form import Recording, Source, StaticStage
 from rfca_rig.recording.layout import stage_files
+from rfca_rig.recording.model import Recording, Source, StaticStage
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.static_table import read_static
 from rfca_rig.recording.store import opened

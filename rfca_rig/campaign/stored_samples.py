@@ -9,7 +9,7 @@ from typing import Protocol
 import h5py
 
 from rfca_rig.campaign.stored_streams import StoredStream, streams_in_file, streams_in_memory
-from rfca_rig.recording.form import Stream
+from rfca_rig.recording.model import Stream
 from rfca_rig.recording.strokes import TIME, read_streams, streams_in
 
 Streams = Mapping[str, Stream]

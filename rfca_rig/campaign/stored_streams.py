@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.recording.columns import ROWS_PER_CHUNK, link
-from rfca_rig.recording.form import Source, Stream
+from rfca_rig.recording.model import Source, Stream
 from rfca_rig.recording.strokes import TIME, streams_in
 
 Rows = NDArray[Any]

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rfca_rig.bench import provenance
-from rfca_rig.bench.going_on import ending_of, go_on
 from rfca_rig.bench.outcome import Outcome
 from rfca_rig.bench.recorder import Recorder
+from rfca_rig.bench.resume import ending_of, go_on
 from rfca_rig.cli.progress import progress
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.terminal import Say, marked
@@ -18,12 +18,12 @@ from rfca_rig.model.catalogue import lab_texts
 from rfca_rig.progress import Watcher, unwatched
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.cycle_table import CYCLES
-from rfca_rig.recording.form import Recording
 from rfca_rig.recording.keeper import Keeper
 from rfca_rig.recording.layout import RECORDING
+from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_text import write_ending
-from rfca_rig.recording.tally import tally_of
-from rfca_rig.twin_server.agenda import Switching
+from rfca_rig.recording.summary import tally_of
+from rfca_rig.twin_server.fault_schedule import Switching
 
 
 def open_folder(config: RunConfig, folder: Path, bench: Bench) -> None:

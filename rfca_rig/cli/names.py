@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rfca_rig.cli.paths import PACKAGE, folders_of
 from rfca_rig.logbook import entry
-from rfca_rig.logbook.wanted import VERDICTS as ANY_VERDICT
+from rfca_rig.logbook.query import VERDICTS as ANY_VERDICT
 from rfca_rig.trip_codes import Trip
 
 FIT_PARAMETERS = (

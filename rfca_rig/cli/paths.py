@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from rfca_rig.errors import BadInput
-from rfca_rig.nearest import suggestion
+from rfca_rig.suggestions import suggestion
 
 PACKAGE = Path(__file__).parents[1]
 

@@ -8,7 +8,7 @@ from rfca_rig.bench.begun import Begun
 from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.protocol.plan import Plan
-from rfca_rig.twin_server.agenda import Switching
+from rfca_rig.twin_server.fault_schedule import Switching
 from rfca_rig.vision.leg_photo import Eye
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from rfca_rig.bench.make import open_bench
+from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.outcome import Outcome
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.arming import ask_operator, prove_drive
@@ -18,11 +18,11 @@ from rfca_rig.cli.terminal import Say, marked, progress_bar
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.run import Supervision, run_plan
 from rfca_rig.errors import RigError
-from rfca_rig.own_process import can_be_started
 from rfca_rig.protocol.plan import Stage
-from rfca_rig.recording.ballast import check_room
+from rfca_rig.recording.disk_reserve import check_room
 from rfca_rig.recording.keeper import DirectKeeper, Keeper
 from rfca_rig.recording.process_keeper import ProcessKeeper
+from rfca_rig.subprocesses import can_be_started
 from rfca_rig.view.live_view import check_live_view
 
 

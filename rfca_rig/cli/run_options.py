@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rfca_rig.bench.twin_faults import Mishaps
+from rfca_rig.bench.fault_injection import FaultInjection
 from rfca_rig.cli.paths import find_file
 from rfca_rig.cli.run_config import RunConfig, Viewing
 from rfca_rig.description.model_file import read_model_file
@@ -13,7 +13,7 @@ from rfca_rig.description.toml import read_text
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.experiments import RigFacts
 from rfca_rig.protocol.plan import Plan
-from rfca_rig.twin_server.agenda import Switching, switchings
+from rfca_rig.twin_server.fault_schedule import Switching, switchings
 from rfca_rig.vision.leg_photo import Eye
 
 
@@ -73,5 +73,5 @@ def _faults(rig: RigFile, words: Sequence[str]) -> tuple[Switching, ...]:
     if words and rig.is_real:
         raise BadInput(f"{rig.rig.title}: --fault is for twins; nothing is broken on purpose on a real rig")
     orders = switchings(words)
-    Mishaps(rig, orders)
+    FaultInjection(rig, orders)
     return orders

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from rfca_rig.description.sections import NotNegative, Positive, Section
-from rfca_rig.twins.disturbance import Disturbance
+from rfca_rig.twins.image_noise import Disturbance
 from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark
 
 Waiting = Annotated[float, Field(gt=0, le=3600)]

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterable
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import Effect
-from rfca_rig.nearest import suggestion
+from rfca_rig.suggestions import suggestion
 
 EXCLUDED = "not looked for, as asked"
 

@@ -34,8 +34,8 @@ from rfca_rig.model.families import members_of
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.recording.form import Recording, Stroke, collect_strokes_before
 from rfca_rig.recording.identity import identity_of
+from rfca_rig.recording.model import Recording, Stroke, collect_strokes_before
 
 Floats = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from rfca_rig.diagnosis.residual_force.law import MeasuredLaw
 from rfca_rig.diagnosis.result import Diagnosis, NamedEffect, Value
 from rfca_rig.diagnosis.result_builder import nuisance_values
 from rfca_rig.model.tabulated_law import TABULATED_LAW
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 
 
 def write_fitted_model(path: Path, diagnosis: Diagnosis, recording: Recording) -> bool:

@@ -14,7 +14,7 @@ from rfca_rig.drivers.cubemars_settings import MitSettings
 from rfca_rig.drivers.guard import LET_GO, Guard, arm, prove_guard
 from rfca_rig.drivers.moving_target import MovingTarget
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
-from rfca_rig.drivers.standing import await_standing
+from rfca_rig.drivers.standstill import await_standing
 from rfca_rig.errors import DeviceError
 
 __all__ = ["CubemarsMitMotor", "MitSettings"]

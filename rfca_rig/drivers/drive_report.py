@@ -11,8 +11,8 @@ from rfca_rig.clock import Clock
 from rfca_rig.drivers.blocks import join
 from rfca_rig.drivers.bus_health import BusHealth
 from rfca_rig.drivers.can_frames import DAMMED_UP_S, arrived
+from rfca_rig.drivers.encoder_jump import LeapWatch
 from rfca_rig.drivers.frame_count import FrameCount
-from rfca_rig.drivers.leap import LeapWatch
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.drivers.shaft_gear import ShaftGear
 from rfca_rig.errors import DeviceError

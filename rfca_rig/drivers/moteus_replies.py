@@ -15,7 +15,7 @@ from rfca_rig.codecs.moteus_registers import Register, Width, name_of
 from rfca_rig.drivers.bus_health import BusHealth
 from rfca_rig.drivers.can_frames import arrived
 from rfca_rig.drivers.counter_clock import CounterClock
-from rfca_rig.drivers.leap import LeapWatch
+from rfca_rig.drivers.encoder_jump import LeapWatch
 from rfca_rig.drivers.moteus_scale import MoteusSettings
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.errors import DeviceError

@@ -9,11 +9,11 @@ from rfca_rig.codecs.odrive_messages import Dialect, EncoderEstimates, Heartbeat
 from rfca_rig.drivers.blocks import join
 from rfca_rig.drivers.bus_health import BusHealth
 from rfca_rig.drivers.can_frames import DAMMED_UP_S, arrived
+from rfca_rig.drivers.encoder_jump import LeapWatch
 from rfca_rig.drivers.frame_count import FrameCount
-from rfca_rig.drivers.leap import LeapWatch
 from rfca_rig.drivers.odrive_scale import OdriveSettings
 from rfca_rig.drivers.roles import ShaftSamples
-from rfca_rig.drivers.told_temperature import ToldTemperature
+from rfca_rig.drivers.temperature import ToldTemperature
 
 GUARDED = "the drive's watchdog stops the motor"
 

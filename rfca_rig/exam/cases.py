@@ -8,13 +8,13 @@ import numpy as np
 
 from rfca_rig.exam.believed import OffBy, drawn_off
 from rfca_rig.exam.designs import ONE_STROKE, PAPER_CONDITIONS, THREE_BY_THREE, Design
+from rfca_rig.exam.heterogeneity import Uneven, drawn_approximate, drawn_uneven
 from rfca_rig.exam.labels import MISLABELLED
 from rfca_rig.exam.laws import Law, drawn_law
 from rfca_rig.exam.pendulum_cases import PENDULUM_KINDS, PendulumCase, drawn_pendulum
 from rfca_rig.exam.sizes import SPANS, stranger_values, values_of
-from rfca_rig.exam.strangers import NAMES
 from rfca_rig.exam.structured import Structured, drawn_structured
-from rfca_rig.exam.uneven import Uneven, drawn_approximate, drawn_uneven
+from rfca_rig.exam.unknown_faults import NAMES
 
 NOTHING, MODEL_ERROR, SINGLE, PAIR, STRANGER, WRONG_LAW, POOR_DATA, MISLABEL, APPROXIMATE, TRIPLE = LEG_KINDS = (
     "nothing missing",

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.exam.answer import Claim, Said
 from rfca_rig.exam.outcome import Truth
-from rfca_rig.exam.said import Claim, Said
 from rfca_rig.exam.sizes import SPANS
 
 Array = NDArray[Any]

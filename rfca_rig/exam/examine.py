@@ -9,14 +9,14 @@ from pathlib import Path
 
 from rfca_rig.clock import Clock
 from rfca_rig.errors import BadInput, RigError, SimulationFailed
-from rfca_rig.exam.marking import mark
 from rfca_rig.exam.plan import Plan
 from rfca_rig.exam.score import Marks
+from rfca_rig.exam.scoring import mark
 from rfca_rig.exam.write import write_all
 from rfca_rig.executors.base import InProcessExecutor, TaskExecutor
 from rfca_rig.executors.mapping import Failed, map_unordered
 from rfca_rig.progress import Told, silent
-from rfca_rig.recording.whole import see_afresh, sweep_out, whole
+from rfca_rig.recording.atomic_dir import see_afresh, sweep_out, whole
 
 DIAGNOSES, CRASHES, REFUSAL, SECONDS = "diagnoses", "crashed", "refused.txt", "seconds.txt"
 

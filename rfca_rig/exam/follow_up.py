@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.exam.campaign_of import add_experiment
+from rfca_rig.exam.answer import NAMED, NOTHING, read_said
 from rfca_rig.exam.cases import POOR_DATA, Case, drawn_cases
 from rfca_rig.exam.examine import DIAGNOSES, Diagnose
-from rfca_rig.exam.marking import DIAGNOSIS
 from rfca_rig.exam.outcome import DETECTABLE, RIGHT, Truth, outcome, truth_in
 from rfca_rig.exam.plan import read_plan
-from rfca_rig.exam.said import NAMED, NOTHING, read_said
+from rfca_rig.exam.runner import worked_off
+from rfca_rig.exam.scoring import DIAGNOSIS
 from rfca_rig.exam.sealing import open_all
-from rfca_rig.exam.working_off import worked_off
+from rfca_rig.exam.simulate_campaign import add_experiment
 from rfca_rig.exam.write import CAMPAIGNS
 from rfca_rig.executors.base import TaskExecutor
 from rfca_rig.progress import Told, silent

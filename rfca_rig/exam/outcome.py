@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rfca_rig.exam.said import NOT_ENOUGH, NOTHING, REFUSED, Claim, Said
+from rfca_rig.exam.answer import NOT_ENOUGH, NOTHING, REFUSED, Claim, Said
 
 DETECTABLE = 2.0  # shift of the signals that nominal values cannot explain, in units of a sample's noise
 

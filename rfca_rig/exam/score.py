@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.exam import cases
+from rfca_rig.exam.answer import NAMED, NOTHING, Said
 from rfca_rig.exam.claims import CONFIDENT, Calibration, Judged, Values, calibration, values
 from rfca_rig.exam.outcome import CLASS, DETECTABLE, EXTRA, PARTIAL, RIGHT, SILENT, WRONG, Truth, false_claims, outcome, truth_in
 from rfca_rig.exam.pendulum_cases import PENDULUM_KINDS, PENDULUM_NOTHING
-from rfca_rig.exam.said import NAMED, NOTHING, Said
 from rfca_rig.exam.statements import StatementScores, has_right_family, score_statements
-from rfca_rig.exam.worst import Miss, worst
+from rfca_rig.exam.worst_cases import Miss, worst
 
 POWER_AT = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # multiples of DETECTABLE
 

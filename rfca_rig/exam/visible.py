@@ -21,7 +21,7 @@ from rfca_rig.exam.believed import (
 from rfca_rig.exam.cases import Case
 from rfca_rig.exam.experiment import stroke_traces
 from rfca_rig.exam.labels import really
-from rfca_rig.exam.rig_of import Scatter, world_of
+from rfca_rig.exam.sampled_rig import Scatter, world_of
 from rfca_rig.exam.sensor import Noise, felt
 from rfca_rig.exam.world import World
 

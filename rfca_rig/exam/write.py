@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import RigError
-from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import KINDS, Case, drawn_cases, shared_out
 from rfca_rig.exam.pendulum_campaign import truth_of_pendulum, write_pendulum_campaign
 from rfca_rig.exam.pendulum_cases import PendulumCase
 from rfca_rig.exam.plan import Plan, begin
+from rfca_rig.exam.runner import worked_off
 from rfca_rig.exam.sealing import complete, is_sealed, seal_all, unwritten
+from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.exam.truth import truth_of
-from rfca_rig.exam.working_off import worked_off
 from rfca_rig.executors.base import TaskExecutor
 from rfca_rig.executors.local import process_executor
 from rfca_rig.progress import Told, silent
-from rfca_rig.recording.whole import sweep_out, whole
+from rfca_rig.recording.atomic_dir import sweep_out, whole
 
 CAMPAIGNS = "campaigns"
 

@@ -25,7 +25,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.leg_file import FLOOR, RACK, SENSOR, SHAFT, end_names, hinge_names, link_names, write_leg_mjcf
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.recording.atomic import make_folder_atomically, refusals
-from rfca_rig.recording.form import Recording, Stroke
+from rfca_rig.recording.model import Recording, Stroke
 
 Floats = NDArray[np.float64]
 

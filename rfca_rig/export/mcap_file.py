@@ -30,7 +30,7 @@ from rfca_rig.export.sample_messages import Layout, layout_of, packed_samples
 from rfca_rig.export.static_row import static_row
 from rfca_rig.progress import Watcher, counted
 from rfca_rig.recording.atomic import refusals, remove
-from rfca_rig.recording.form import StaticStage
+from rfca_rig.recording.model import StaticStage
 
 CHUNK_BYTES = 1 << 20
 LIBRARY = "rfca-rig"

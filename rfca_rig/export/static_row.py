@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rfca_rig.recording.form import StaticStage
+from rfca_rig.recording.model import StaticStage
 from rfca_rig.recording.strokes import height_mm
 
 

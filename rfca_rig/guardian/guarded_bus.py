@@ -12,11 +12,11 @@ import can
 from rfca_rig.clock import WallClock
 from rfca_rig.drivers.can_bus import CanBusSettings
 from rfca_rig.drivers.guard import LastWord, LetGo, Silenced
+from rfca_rig.guardian.fallback import taken_over
 from rfca_rig.guardian.link import MOST_WAITING_BYTES, Link
 from rfca_rig.guardian.process import FAILED, READY, Assignment, signature
 from rfca_rig.guardian.records import Kind, Record, frame_of, of_frame, silenced_of
 from rfca_rig.guardian.starting import started
-from rfca_rig.guardian.taking_over import taken_over
 
 STARTED_WITHIN_S = 30.0
 CONFIRMED_WITHIN_S = 0.25

@@ -15,10 +15,10 @@ import can
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.drivers.can_bus import CanBusSettings
 from rfca_rig.drivers.guard import LastWord
-from rfca_rig.guardian.letting_go import LettingGo
 from rfca_rig.guardian.link import Link
 from rfca_rig.guardian.records import Kind, Record, frame_of, of_frame, of_silenced, of_text
 from rfca_rig.guardian.silence import Silence
+from rfca_rig.guardian.torque_off import LettingGo
 
 ALIVE_S = 0.02
 POLL_S = 1e-3  # for buses that cannot be waited for

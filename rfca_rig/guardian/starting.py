@@ -4,7 +4,7 @@ import subprocess
 import sys
 from multiprocessing.connection import Connection
 
-from rfca_rig import own_process
+from rfca_rig import subprocesses
 from rfca_rig.guardian.process import Assignment, guard
 
 MODULE = "rfca_rig.guardian.starting"
@@ -12,7 +12,7 @@ MODULE = "rfca_rig.guardian.starting"
 
 def started(assignment: Assignment) -> tuple[subprocess.Popen[bytes], Connection]:
     """The process, and the way to talk to it."""
-    return own_process.started(MODULE, assignment)
+    return subprocesses.started(MODULE, assignment)
 
 
 if __name__ == "__main__":

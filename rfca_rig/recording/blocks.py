@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from rfca_rig.recording.form import StaticStage
 from rfca_rig.recording.journal import Block, Kind
+from rfca_rig.recording.model import StaticStage
 from rfca_rig.recording.rows import ColumnForm, Rows, Start, StreamForm, packed
 
 

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import BadInput
-from rfca_rig.nearest import not_there
 from rfca_rig.recording.journal import blocks_in, size_of
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGES, SUMS, journals, stage_files
 from rfca_rig.recording.run_text import events_of, read_ending, read_header
+from rfca_rig.recording.summary import Tally, tally_of, together
 from rfca_rig.recording.sums import read_sums, sha256_of
-from rfca_rig.recording.tally import Tally, tally_of, together
+from rfca_rig.suggestions import not_there
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rfca_rig.recording.form import Column
+from rfca_rig.recording.model import Column
 from rfca_rig.recording.rows import ColumnForm
 
 ROWS_PER_CHUNK = 16384

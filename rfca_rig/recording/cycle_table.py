@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.recording.form import Floats, Recording
+from rfca_rig.recording.model import Floats, Recording
 from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, ColumnForm, Rows, StreamForm
 
 CYCLES = "cycles"

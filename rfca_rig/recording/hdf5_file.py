@@ -8,8 +8,8 @@ from pathlib import Path
 import h5py
 
 from rfca_rig.recording.atomic import RoughFile
+from rfca_rig.recording.cooperative import Steps
 from rfca_rig.recording.seal import PIECE, seal_of
-from rfca_rig.recording.steps import Steps
 
 
 class FileBeingMade:

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_folder import merged
 from rfca_rig.recording.run_text import INTERRUPTED
 from rfca_rig.recording.store import read_recording, write_recording

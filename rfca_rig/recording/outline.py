@@ -8,7 +8,7 @@ from pathlib import Path
 import h5py
 
 from rfca_rig.recording.cycle_table import CYCLES, NUMBER
-from rfca_rig.recording.form import StaticStage
+from rfca_rig.recording.model import StaticStage
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.static_table import read_static
 from rfca_rig.recording.store import opened

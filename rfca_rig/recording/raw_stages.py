@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import h5py
 
 from rfca_rig.recording import nexus
-from rfca_rig.recording.form import RawStage, Source
+from rfca_rig.recording.model import RawStage, Source
 from rfca_rig.recording.strokes import height_mm, read_streams, write_streams
 
 GROUP = "raw"

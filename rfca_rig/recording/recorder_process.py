@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from rfca_rig import own_process
+from rfca_rig import subprocesses
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.errors import RigError
 from rfca_rig.recording.block_queue import BlockQueue
@@ -43,7 +43,7 @@ class Assignment:
 
 def started(assignment: Assignment) -> tuple[subprocess.Popen[bytes], Connection]:
     """The process at work, and the way to talk to it."""
-    return own_process.started(MODULE, assignment)
+    return subprocesses.started(MODULE, assignment)
 
 
 def keep(parent: Connection) -> None:

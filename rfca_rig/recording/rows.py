@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.recording.form import Column, Floats, Stream
+from rfca_rig.recording.model import Column, Floats, Stream
 
 Rows = NDArray[Any]
 

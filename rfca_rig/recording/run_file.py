@@ -7,14 +7,14 @@ from pathlib import Path
 import h5py
 
 from rfca_rig.progress import Watcher, counted, unwatched
-from rfca_rig.recording.form import Recording, Source, StaticStage
+from rfca_rig.recording.cooperative import Steps
 from rfca_rig.recording.hdf5_file import FileBeingMade, being_made
 from rfca_rig.recording.layout import RECORDING, stage_files
+from rfca_rig.recording.model import Recording, Source, StaticStage
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.raw_stages import make_raw_stages
 from rfca_rig.recording.run_text import Ending, read_ending, read_header, run_provenance
 from rfca_rig.recording.static_table import read_static, write_static
-from rfca_rig.recording.steps import Steps
 from rfca_rig.recording.store import mark_recording, opened
 from rfca_rig.recording.strokes import GROUP as STROKES
 from rfca_rig.recording.strokes import copy_streams, make_strokes

@@ -9,19 +9,19 @@ from pathlib import Path
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import Watcher, unwatched
 from rfca_rig.recording.atomic import GrowingFile, refusals, remove, sync_folder
-from rfca_rig.recording.ballast import Ballast
-from rfca_rig.recording.form import Recording, StaticStage
+from rfca_rig.recording.cooperative import at_once
+from rfca_rig.recording.disk_reserve import Ballast
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGE, STAGES, SUMS, WRITING, journals, stage_files
+from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.recording.run_file import write_run
 from rfca_rig.recording.run_lock import check_over, lock
 from rfca_rig.recording.run_text import Ending, read_ending, read_header, run_provenance, whole_lines, write_header
 from rfca_rig.recording.stage_file import write_stage
 from rfca_rig.recording.static_table import read_static
-from rfca_rig.recording.steps import at_once
 from rfca_rig.recording.store import opened, read_recording
 from rfca_rig.recording.strokes import GROUP as STROKES
+from rfca_rig.recording.summary import tally_of
 from rfca_rig.recording.sums import read_sums, write_sums
-from rfca_rig.recording.tally import tally_of
 
 
 def create(folder: Path, header: Recording) -> None:

@@ -9,8 +9,8 @@ from typing import Any
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.blocks import static_stage_of
-from rfca_rig.recording.form import Recording, StaticStage
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER
+from rfca_rig.recording.model import Recording, StaticStage
 
 FORMAT = "rfca-run/1"
 INTERRUPTED = "interrupted"

@@ -6,15 +6,15 @@ from pathlib import Path
 
 from rfca_rig.errors import DiskFull
 from rfca_rig.recording.atomic import GrowingFile, remove, sync_folder
-from rfca_rig.recording.ballast import Ballast
 from rfca_rig.recording.blocks import End, event_block
+from rfca_rig.recording.cooperative import Steps
+from rfca_rig.recording.disk_reserve import Ballast
 from rfca_rig.recording.journal import Block, Kind, framed
 from rfca_rig.recording.layout import EVENTS, STAGES, journal_path, next_number, stage_path
 from rfca_rig.recording.picture import Picture, write_picture
 from rfca_rig.recording.run_lock import lock
 from rfca_rig.recording.run_text import read_header, whole_lines
 from rfca_rig.recording.stage_file import Written, write_stage
-from rfca_rig.recording.steps import Steps
 
 
 class RunWriter:

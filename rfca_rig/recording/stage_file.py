@@ -15,13 +15,13 @@ import numpy as np
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.blocks import Begin, End, start_of
 from rfca_rig.recording.columns import ROWS_PER_CHUNK, link
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.cooperative import Steps
 from rfca_rig.recording.hdf5_file import FileBeingMade, being_made
 from rfca_rig.recording.journal import Kind, blocks_in
+from rfca_rig.recording.model import Recording
 from rfca_rig.recording.raw_stages import make_raw_stages, mark_raw_stage
 from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, RowBatches, Rows, Start, host_offset_s, started
 from rfca_rig.recording.static_table import write_static
-from rfca_rig.recording.steps import Steps
 from rfca_rig.recording.store import mark_recording
 from rfca_rig.recording.strokes import TIME, make_streams, make_strokes, mark_stroke, write_rows
 

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from rfca_rig.recording.columns import read_column, write_column
-from rfca_rig.recording.form import Column, Direction, StaticStage
+from rfca_rig.recording.model import Column, Direction, StaticStage
 from rfca_rig.recording.strokes import BEFORE, height_mm
 
 GROUP = "static"

@@ -21,13 +21,13 @@ import h5py
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import nexus
-from rfca_rig.recording.form import Recording, Source
+from rfca_rig.recording.cooperative import at_once
 from rfca_rig.recording.hdf5_file import being_made
+from rfca_rig.recording.model import Recording, Source
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.raw_stages import read_raw_stages, write_raw_stages
 from rfca_rig.recording.seal import is_broken
 from rfca_rig.recording.static_table import read_static, write_static
-from rfca_rig.recording.steps import at_once
 from rfca_rig.recording.strokes import GROUP as STROKES
 from rfca_rig.recording.strokes import read_strokes, write_strokes
 

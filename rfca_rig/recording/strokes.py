@@ -12,7 +12,7 @@ import numpy as np
 
 from rfca_rig.recording import nexus
 from rfca_rig.recording.columns import copy_column, form_in, form_of, link, make_column, read_column
-from rfca_rig.recording.form import Source, Stream, Stroke
+from rfca_rig.recording.model import Source, Stream, Stroke
 from rfca_rig.recording.rows import ColumnForm, Rows, StreamForm
 
 GROUP = "strokes"

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.recording.cycle_table import CYCLES
-from rfca_rig.recording.form import RawStage, Recording, Stream, Stroke
+from rfca_rig.recording.model import RawStage, Recording, Stream, Stroke
 from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME
 
 Floats = NDArray[np.float64]

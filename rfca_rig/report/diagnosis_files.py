@@ -8,7 +8,7 @@ from rfca_rig.report.diagnosis_page import page
 from rfca_rig.report.diagnosis_tables import before_after_table, believed_table, parameters_table, ruled_out_table
 from rfca_rig.report.diagnosis_terminal import terminal_lines
 from rfca_rig.report.files import table_files, write_all
-from rfca_rig.report.origin import Origin
+from rfca_rig.report.provenance import Origin
 
 __all__ = ["terminal_lines", "write_diagnosis"]
 

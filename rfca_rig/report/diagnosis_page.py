@@ -23,9 +23,9 @@ from rfca_rig.report.diagnosis_wording import (
 from rfca_rig.report.law_files import describe_law
 from rfca_rig.report.law_picture import measured_law_picture
 from rfca_rig.report.named_units import words_and_unit
-from rfca_rig.report.origin import Origin
+from rfca_rig.report.provenance import Origin
 from rfca_rig.report.templates import template
-from rfca_rig.report.wording import NOTHING, counted, unbroken
+from rfca_rig.report.text import NOTHING, counted, unbroken
 
 GRADE_WORDS = {
     "identified": ("One law holds to the usual model error in all conditions.", "probability that this is it"),

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.result import Overlay
 from rfca_rig.report.envelope import envelope
 from rfca_rig.report.inline_svg import inline_svg
-from rfca_rig.report.look import FAINT, MEASURED, OTHER, SIMULATED, drawing
 from rfca_rig.report.named_units import shown, words_and_unit
 from rfca_rig.report.small_multiples import mark_axes, panels_of, title
-from rfca_rig.report.wording import counted
+from rfca_rig.report.style import FAINT, MEASURED, OTHER, SIMULATED, drawing
+from rfca_rig.report.text import counted
 
 Floats = NDArray[np.float64]
 

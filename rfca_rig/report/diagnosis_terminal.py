@@ -8,7 +8,7 @@ from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, NamedEffe
 from rfca_rig.report.diagnosis_wording import SIGMA, chance, entries, moved_prior, percent, significant, within_90
 from rfca_rig.report.law_files import describe_law
 from rfca_rig.report.named_units import words_and_unit
-from rfca_rig.report.wording import counted
+from rfca_rig.report.text import counted
 
 WIDTH = 80
 MOST_LINES = 15

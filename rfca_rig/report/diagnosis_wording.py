@@ -6,7 +6,7 @@ from math import floor, isfinite, log10
 from rfca_rig.diagnosis.result import MovedPrior, Value
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.report.named_units import shown, words_and_unit
-from rfca_rig.report.wording import NO_BREAK, NOTHING, number
+from rfca_rig.report.text import NO_BREAK, NOTHING, number
 
 STDS_90 = 1.645  # half of a 90 % interval of a normal distribution, in standard deviations
 SIGMA = "\u03c3"

@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig import __version__
+from rfca_rig.exam.ablation import TakenOut
 from rfca_rig.exam.bars import bars
-from rfca_rig.exam.marked import Examined, MarkedCase
 from rfca_rig.exam.score import Marks, Share
-from rfca_rig.exam.taken_out import TakenOut
+from rfca_rig.exam.scored import Examined, MarkedCase
 from rfca_rig.report.diagnosis_json import plain
 from rfca_rig.report.exam_page import page
 from rfca_rig.report.exam_tables import bars_table, confusion_table, taken_out_table, ways_table
 from rfca_rig.report.files import table_files, write_all
-from rfca_rig.report.origin import version_text
+from rfca_rig.report.provenance import version_text
 from rfca_rig.report.table import Column, Row, Table
 from rfca_rig.report.table_files import as_csv as table_as_csv
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rfca_rig.exam import cases
-from rfca_rig.exam.marked import MarkedCase
+from rfca_rig.exam.answer import VERDICTS
 from rfca_rig.exam.outcome import CLASS, EXTRA, RIGHT, WRONG
-from rfca_rig.exam.said import VERDICTS
+from rfca_rig.exam.scored import MarkedCase
 from rfca_rig.exam.sizes import SPANS
 
 SEVERAL = "several names"

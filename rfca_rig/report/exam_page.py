@@ -9,16 +9,16 @@ import numpy as np
 from rfca_rig import __version__
 from rfca_rig.exam import cases
 from rfca_rig.exam.bars import Bar, bars
-from rfca_rig.exam.marked import Examined, MarkedCase
 from rfca_rig.exam.outcome import DETECTABLE, OUTCOMES
 from rfca_rig.exam.score import POWER_AT, Marks, Share
-from rfca_rig.exam.worst import LISTED
+from rfca_rig.exam.scored import Examined, MarkedCase
+from rfca_rig.exam.worst_cases import LISTED
 from rfca_rig.report import exam_pictures
 from rfca_rig.report.exam_matrix import matrix_of
 from rfca_rig.report.exam_tables import taken_out_table, ways_table
-from rfca_rig.report.origin import Origin, typed
+from rfca_rig.report.provenance import Origin, typed
 from rfca_rig.report.templates import template
-from rfca_rig.report.wording import NO_BREAK, NOTHING, counted, number
+from rfca_rig.report.text import NO_BREAK, NOTHING, counted, number
 
 MEANINGS = {
     "right": "names exactly what is there; or nothing where nothing is; or says that it cannot explain what no name fits",

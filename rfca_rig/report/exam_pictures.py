@@ -10,11 +10,11 @@ from matplotlib.ticker import MaxNLocator
 
 from rfca_rig.exam import cases
 from rfca_rig.exam.claims import Calibration
-from rfca_rig.exam.marked import Deviation, MarkedCase
 from rfca_rig.exam.outcome import CLASS, EXTRA, RIGHT, WRONG
 from rfca_rig.exam.score import Share
+from rfca_rig.exam.scored import Deviation, MarkedCase
 from rfca_rig.report.inline_svg import inline_svg
-from rfca_rig.report.look import ALIKE, BAD, FAINT, MEASURED, PALE, SMALL, drawing
+from rfca_rig.report.style import ALIKE, BAD, FAINT, MEASURED, PALE, SMALL, drawing
 
 WIDTH_IN, HEIGHT_IN = 4.3, 3.1
 LINE_IN = 0.17  # of one effect among the parameters

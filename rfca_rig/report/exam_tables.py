@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from math import isfinite
 
+from rfca_rig.exam.ablation import Named, TakenOut
 from rfca_rig.exam.bars import Bar
 from rfca_rig.exam.follow_up import Way
-from rfca_rig.exam.marked import MarkedCase
-from rfca_rig.exam.taken_out import Named, TakenOut
+from rfca_rig.exam.scored import MarkedCase
 from rfca_rig.report.exam_matrix import matrix_of
 from rfca_rig.report.table import Column, Row, Table, Value
 

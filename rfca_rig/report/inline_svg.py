@@ -6,7 +6,7 @@ import re
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from rfca_rig.report.light_paths import with_light_paths
+from rfca_rig.report.svg_paths import with_light_paths
 
 DECIMALS = 1  # of a point, 1/720 inch: finer than any screen or printer shows at this size
 

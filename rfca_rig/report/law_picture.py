@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, MeasuredLaw
 from rfca_rig.report.inline_svg import inline_svg
-from rfca_rig.report.look import ALIKE, FAINT, MEASURED, OTHER, SMALL, drawing
+from rfca_rig.report.style import ALIKE, FAINT, MEASURED, OTHER, SMALL, drawing
 
 WIDTH_IN, HEIGHT_IN = 4.4, 2.5
 BAND = 2.0  # standard deviations

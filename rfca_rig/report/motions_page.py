@@ -20,12 +20,12 @@ from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
 from rfca_rig.report.diagnosis_pictures import Picture, pictures_of
 from rfca_rig.report.files import table_files, write_all
 from rfca_rig.report.named_units import words_and_unit
-from rfca_rig.report.origin import Origin
+from rfca_rig.report.provenance import Origin
 from rfca_rig.report.residual_pictures import draw_joint_remainders, draw_signal_residuals
 from rfca_rig.report.table import Column, Foot, Row, Table
 from rfca_rig.report.table_files import as_csv
 from rfca_rig.report.templates import template
-from rfca_rig.report.wording import MINUS
+from rfca_rig.report.text import MINUS
 
 PAGE = "report.html"
 MOST_SHOWN = 12  # recordings whose signals are drawn: those that the model misses most

@@ -13,7 +13,7 @@ from rfca_rig.analysis.phases import StrokePhases, StrokeRegion
 from rfca_rig.analysis.valley import Valley
 from rfca_rig.report.envelope import envelope
 from rfca_rig.report.inline_svg import inline_svg
-from rfca_rig.report.look import FAINT, MEASURED, SIMULATED, SIMULATED_EDGE, SMALL, drawing
+from rfca_rig.report.style import FAINT, MEASURED, SIMULATED, SIMULATED_EDGE, SMALL, drawing
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rfca_rig.drivers.picture_file import Image, read_picture
 from rfca_rig.errors import BadInput, RigError
-from rfca_rig.recording.form import StaticStage
+from rfca_rig.recording.model import StaticStage
 from rfca_rig.report.static_source import StaticSource
 
 WIDTH_PX = 420

@@ -12,9 +12,9 @@ from rfca_rig.diagnosis.mechanisms.comparison import JointRemainder
 from rfca_rig.diagnosis.result import Overlay
 from rfca_rig.report.diagnosis_pictures import Picture
 from rfca_rig.report.inline_svg import inline_svg
-from rfca_rig.report.look import FAINT, MEASURED, OTHER, SIMULATED, drawing
 from rfca_rig.report.named_units import shown, words_and_unit
 from rfca_rig.report.small_multiples import BOTTOM_IN, PANEL_IN, WIDTH_IN
+from rfca_rig.report.style import FAINT, MEASURED, OTHER, SIMULATED, drawing
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.report.run_parts import RunStory
-from rfca_rig.report.wording import counted, number
+from rfca_rig.report.text import counted, number
 
 Pairs = list[tuple[str, str]]
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 from rfca_rig.errors import TRIP
 from rfca_rig.report import run_pictures
-from rfca_rig.report.origin import Told
+from rfca_rig.report.provenance import Told
 from rfca_rig.report.run_health import devices, health, provenance
 from rfca_rig.report.run_parts import RunStory
 from rfca_rig.report.run_tables import MOST_ROWS, checks_table, clocks_table, done_table, events_table, stages_table
 from rfca_rig.report.table import Table
 from rfca_rig.report.templates import template
-from rfca_rig.report.wording import counted, in_thousands, unbroken
+from rfca_rig.report.text import counted, in_thousands, unbroken
 
 DONE = "done"
 MOST_CHECKS = 20

@@ -20,7 +20,7 @@ from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.plan import Plan, flap_label
 from rfca_rig.protocol.written_plan import plan_of
 from rfca_rig.recording.cycle_table import CYCLES
-from rfca_rig.recording.form import RawStage, Recording, StaticStage, Stream, Stroke
+from rfca_rig.recording.model import RawStage, Recording, StaticStage, Stream, Stroke
 
 Floats = NDArray[np.float64]
 Kind = Literal["stroke", "static stage", "cycles", "cut short"]

@@ -15,14 +15,14 @@ from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import stroke_at_speed
 from rfca_rig.recording.cycle_table import cycle_table
-from rfca_rig.recording.form import Recording, StaticStage
+from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.report.envelope import envelope
 from rfca_rig.report.inline_svg import inline_svg
-from rfca_rig.report.look import BAD, FAINT, MEASURED, PAPER, SIMULATED, drawing
 from rfca_rig.report.run_parts import Part, RunStory
 from rfca_rig.report.small_multiples import mark_axes, panels_of, title
+from rfca_rig.report.style import BAD, FAINT, MEASURED, PAPER, SIMULATED, drawing
 from rfca_rig.report.table import Table
-from rfca_rig.report.wording import in_thousands
+from rfca_rig.report.text import in_thousands
 
 Floats = NDArray[np.float64]
 

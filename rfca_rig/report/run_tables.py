@@ -8,7 +8,7 @@ import numpy as np
 from rfca_rig.analysis.stiffness_drift import stiffness_drift
 from rfca_rig.protocol.cycles import Cycles, StiffnessCheck, cycles_in
 from rfca_rig.protocol.plan import Flap
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 from rfca_rig.report.clock_drift import clock_drifts
 from rfca_rig.report.run_parts import Part, RunStory
 from rfca_rig.report.table import Column, Row, Table, Value

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rfca_rig.analysis.compare import ComparedCondition, compare_condition
-from rfca_rig.analysis.counterpart import Shaft
+from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.peak_force import PeakForceRow, peak_row_of
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.analysis.table2 import Row, row_of
 from rfca_rig.description.believed import believed_model
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.progress import Watcher, counted, unwatched
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rfca_rig.recording.form import StaticStage
+from rfca_rig.recording.model import StaticStage
 from rfca_rig.report.table import Column, Row, Table, Value
 
 MEANS = ("shaft_angle_rad", "fy_N", "fz_N", "tx_Nm")

@@ -61,7 +61,7 @@ def static_json(result: StaticResult, sources: Sequence[StaticSource], elastica:
         "hinges": [{"hinge": c.hinge, "stiffer_relative": _rounded(c.stiffer, 6), "std": _rounded(c.std, 6)} for c in result.hinges],
         "common": [
             {"what": d.says, "unit": d.unit, "value": _rounded(d.value, 6), "std": _rounded(d.std, 6), "known_to": _rounded(d.prior_std, 6)}
-            for d in result.doubts
+            for d in result.systematic_errors
         ],
         "elastica": [
             {"holds": e.says, "free_mm": _rounded(1e3 * e.free_m, 3), "k0_Nm_per_rad": _rounded(e.k0_Nm_per_rad, 5),

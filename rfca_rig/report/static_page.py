@@ -9,15 +9,15 @@ import numpy as np
 from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
-from rfca_rig.recording.form import StaticStage
-from rfca_rig.report.origin import Told
+from rfca_rig.recording.model import StaticStage
 from rfca_rig.report.photo_strip import StripPicture, strips_of
+from rfca_rig.report.provenance import Told
 from rfca_rig.report.static_pictures import DASHES, FORETOLD_STYLES, rest_picture, stiffness_picture, torque_picture
 from rfca_rig.report.static_source import StaticSource
 from rfca_rig.report.static_tables import common_table, curve_table, elastica_table, hinges_table, repeats_table
 from rfca_rig.report.table import Row, Table, places
 from rfca_rig.report.templates import template
-from rfca_rig.report.wording import NOTHING, counted, number, unbroken
+from rfca_rig.report.text import NOTHING, counted, number, unbroken
 
 
 def page(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[Foretold], told: Told, files: Sequence[str]) -> str:
@@ -45,7 +45,7 @@ def page(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequen
         loop_seen=result.loop is not None and result.loop.seen,
         common=_said_well(common_table(result)),
         noise=_noise(result),
-        gain_counts_as_exact=all(found.says != "gain of the force sensor" for found in result.doubts),
+        gain_counts_as_exact=all(found.says != "gain of the force sensor" for found in result.systematic_errors),
         repeats=repeats_table(result, [source.name for source in sources]),
         strips=[{"name": name, "pictures": [_photo(picture) for picture in strip]} for name, strip in strips_of(sources)],
         stages=_stages(result, sources),

@@ -11,7 +11,7 @@ from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
 from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.report.inline_svg import inline_svg
-from rfca_rig.report.look import FAINT, MEASURED, OTHER, PAPER, SIMULATED, SIMULATED_EDGE, drawing
+from rfca_rig.report.style import FAINT, MEASURED, OTHER, PAPER, SIMULATED, SIMULATED_EDGE, drawing
 
 Floats = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 
 
 @dataclass(frozen=True)

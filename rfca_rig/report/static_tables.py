@@ -116,7 +116,7 @@ def common_table(result: StaticResult) -> Table:
     """What is the same in all stages and was not taken for exact."""
     rows = tuple(
         Row({"what": d.says, "off": d.value, "off_std": d.std, "known_to": float(f"{d.prior_std:.2g}"), "unit": d.unit}, marked=d.strained)
-        for d in result.doubts
+        for d in result.systematic_errors
     )
     columns = (
         Column("what", "Off what was believed"),

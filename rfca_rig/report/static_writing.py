@@ -15,7 +15,7 @@ from rfca_rig.analysis.torque_rotation.calibration_file import (
 from rfca_rig.analysis.torque_rotation.elastica_curves import foretold
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.report.files import table_files, write_all
-from rfca_rig.report.origin import Origin, Told, untold
+from rfca_rig.report.provenance import Origin, Told, untold
 from rfca_rig.report.static_files import stages_table, static_json
 from rfca_rig.report.static_page import page
 from rfca_rig.report.static_source import StaticSource

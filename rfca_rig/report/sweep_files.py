@@ -10,8 +10,8 @@ from rfca_rig import __version__
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.report.sweep_page import page
 from rfca_rig.report.sweep_sensitivities import Explained, explained
-from rfca_rig.report.sweep_words import shown, with_unit
-from rfca_rig.report.wording import counted
+from rfca_rig.report.sweep_text import shown, with_unit
+from rfca_rig.report.text import counted
 from rfca_rig.sweep.result import SweepResult
 
 FORMAT = "rfca-sweep-summary/1"

@@ -4,14 +4,14 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.report.origin import Origin, version_text
+from rfca_rig.report.provenance import Origin, version_text
 from rfca_rig.report.sweep_pictures import drawn_points, drawn_view
 from rfca_rig.report.sweep_sensitivities import MOST_GROUPS, Explained, table_of
+from rfca_rig.report.sweep_text import formula, name_and_unit, shown, with_unit
 from rfca_rig.report.sweep_views import Drawn, View, drawn_groups, views
-from rfca_rig.report.sweep_words import formula, name_and_unit, shown, with_unit
 from rfca_rig.report.table import Column, Row, Table
 from rfca_rig.report.templates import template
-from rfca_rig.report.wording import counted, number
+from rfca_rig.report.text import counted, number
 from rfca_rig.sweep.outputs import Asked
 from rfca_rig.sweep.quantities import quantity
 from rfca_rig.sweep.result import CSV, H5, SweepResult

@@ -12,9 +12,9 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarForm
 from numpy.typing import NDArray
 
 from rfca_rig.report.inline_svg import inline_svg
-from rfca_rig.report.look import ALIKE, BAD, FAINT, MEASURED, OTHER, PALE, SIMULATED, SMALL, drawing
+from rfca_rig.report.style import ALIKE, BAD, FAINT, MEASURED, OTHER, PALE, SIMULATED, SMALL, drawing
+from rfca_rig.report.sweep_text import axis_label, name_and_unit, shown, with_unit
 from rfca_rig.report.sweep_views import View, is_named
-from rfca_rig.report.sweep_words import axis_label, name_and_unit, shown, with_unit
 from rfca_rig.sweep.plan import Axis
 from rfca_rig.sweep.samples import Range
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rfca_rig.report.sweep_text import name_and_unit, with_unit
 from rfca_rig.report.sweep_views import drawn_groups
-from rfca_rig.report.sweep_words import name_and_unit, with_unit
 from rfca_rig.report.table import Column, Row, Table
 from rfca_rig.sweep.quantities import Value
 from rfca_rig.sweep.result import SweepResult

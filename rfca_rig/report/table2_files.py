@@ -7,7 +7,7 @@ from rfca_rig.analysis.repeats import Spread
 from rfca_rig.analysis.table2 import PAPER_AVERAGE_ERROR_PCT, Table2
 from rfca_rig.analysis.table2 import Row as Compared
 from rfca_rig.report.table import Column, Foot, Row, Table
-from rfca_rig.report.wording import counted
+from rfca_rig.report.text import counted
 
 FORMAT = "rfca-table2/1"
 MEASURED, SIMULATED, ERROR = "Measured valley", "Simulated valley", "Error"

@@ -3,17 +3,17 @@
 from collections.abc import Sequence
 from typing import Any
 
-from rfca_rig.analysis.counterpart import Shaft
+from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.table2 import PAPER_AVERAGE_ERROR_PCT, Table2
 from rfca_rig.report import overlay
 from rfca_rig.report.model_table import model_table
-from rfca_rig.report.origin import Told
+from rfca_rig.report.provenance import Told
 from rfca_rig.report.sources import ComparedSource
 from rfca_rig.report.stage_table import stage_tables
 from rfca_rig.report.table import Table
 from rfca_rig.report.table2_files import as_table
 from rfca_rig.report.templates import template
-from rfca_rig.report.wording import (
+from rfca_rig.report.text import (
     DEFINITION,
     REGIONS_DEFINITION,
     SHAFT_WORDS,

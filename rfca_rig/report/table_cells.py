@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from rfca_rig.report.table import Cell, Column, Foot, Row, Table, cell, foot_cell, head_span
-from rfca_rig.report.wording import MINUS, NO_BREAK, NOTHING, in_thousands
+from rfca_rig.report.text import MINUS, NO_BREAK, NOTHING, in_thousands
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from importlib import resources
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 
 from rfca_rig import __version__
-from rfca_rig.report.look import colours
+from rfca_rig.report.style import colours
 from rfca_rig.report.table_cells import shown_cells
-from rfca_rig.report.wording import MARK_MEANINGS
+from rfca_rig.report.text import MARK_MEANINGS
 
 
 def template(name: str) -> Template:

@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rfca_rig.analysis.tip_load import LoadedShape
-from rfca_rig.report.look import BAD, FAINT, SIMULATED, SMALL, drawing
 from rfca_rig.report.picture_file import check_picture_path, save_picture
+from rfca_rig.report.style import BAD, FAINT, SIMULATED, SMALL, drawing
 
 WIDTH_IN = 4.6
 ARROW = 0.3  # length of the force's arrow, as a share of the leg

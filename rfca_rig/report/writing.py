@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rfca_rig.analysis.counterpart import Shaft
+from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.table2 import Table2
 from rfca_rig.progress import Watcher, unwatched
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 from rfca_rig.report.files import table_files, write_all
-from rfca_rig.report.origin import Link, Origin, Told, untold
 from rfca_rig.report.peak_force_files import peaks_as_json, peaks_as_table
+from rfca_rig.report.provenance import Link, Origin, Told, untold
 from rfca_rig.report.run_page import page as run_page
 from rfca_rig.report.run_page import tables_of
 from rfca_rig.report.run_parts import story_of
@@ -19,7 +19,7 @@ from rfca_rig.report.stage_table import stage_tables
 from rfca_rig.report.table import Table
 from rfca_rig.report.table2_files import as_json, as_table
 from rfca_rig.report.table2_page import page
-from rfca_rig.report.wording import SHAFT_WORDS
+from rfca_rig.report.text import SHAFT_WORDS
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rfca_rig.model.parameters import Leg, PresentEffect, RigModel
-from rfca_rig.model.relinking import cell_m, with_first_link, with_links
+from rfca_rig.model.rediscretize import cell_m, with_first_link, with_links
 from rfca_rig.model.strip import Strip, paper_strips, table_1_materials
 
 FITTED_STRIP = paper_strips({material.name: material for material in table_1_materials()}["CFSP"], 0.8e-3)

@@ -14,7 +14,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import OF_PENDULUMS
 from rfca_rig.model.effect import Parameter as OfEffect
-from rfca_rig.model.relinking import MOST_LINKS
+from rfca_rig.model.rediscretize import MOST_LINKS
 from rfca_rig.model.strip import table_1_materials
 from rfca_rig.sweep.design import Design, with_effect_value
 

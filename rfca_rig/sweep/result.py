@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.recording.cooperative import at_once
 from rfca_rig.recording.hdf5_file import being_made
-from rfca_rig.recording.steps import at_once
 from rfca_rig.sweep.cases import MISTAKE
 from rfca_rig.sweep.identity import FORMAT, as_text, digest
 from rfca_rig.sweep.plan import SweepPlan

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Protocol
 
 from rfca_rig.twins.encoder import Encoder
-from rfca_rig.twins.warmth import Warmth
+from rfca_rig.twins.thermal_model import Warmth
 
 FEVER_K_s = 5.0
 

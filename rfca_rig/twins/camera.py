@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.twins.disturbance import Disturbance
+from rfca_rig.twins.image_noise import Disturbance
 from rfca_rig.twins.leg_picture import render_leg
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.leg_marks import MarkPlan

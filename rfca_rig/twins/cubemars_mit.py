@@ -11,7 +11,7 @@ from rfca_rig.codecs.cubemars_ranges import mit_ranges
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.twins.encoder import Encoder
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
-from rfca_rig.twins.warmth import Warming, Warmth
+from rfca_rig.twins.thermal_model import Warming, Warmth
 
 AT_REST = MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)
 ZEROING_S = 1.0

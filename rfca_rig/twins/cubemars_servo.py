@@ -13,8 +13,8 @@ from rfca_rig.twins.encoder import Encoder
 from rfca_rig.twins.motor import moments_between
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
 from rfca_rig.twins.speed_loop import LoopGains, SetPoint, SpeedLoop
+from rfca_rig.twins.thermal_model import Warming, Warmth
 from rfca_rig.twins.ticks import Ticks
-from rfca_rig.twins.warmth import Warming, Warmth
 
 HOTTEST_degC = 127  # that its status can tell
 MOST_COUNT = 32_000  # where the manual says that the position of the status frame ends

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.twins.disturbance import Disturbance, lit, seen_by_sensor
+from rfca_rig.twins.image_noise import Disturbance, lit, seen_by_sensor
 from rfca_rig.twins.painting import Light, covered_share, paint
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.leg_marks import MarkPlan

@@ -13,7 +13,7 @@ from rfca_rig.codecs.moteus_registers import Mode, Register
 from rfca_rig.twins.encoder import Encoder
 from rfca_rig.twins.moteus_loop import MoteusGains, MoteusLoop, PositionCommand, damping
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
-from rfca_rig.twins.warmth import Warming, Warmth
+from rfca_rig.twins.thermal_model import Warming, Warmth
 
 UNKNOWN_REGISTER, NOT_WRITEABLE, NOT_ALLOWED = 1, 2, 3
 FACTS: dict[int, float] = {

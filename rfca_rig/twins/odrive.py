@@ -14,8 +14,8 @@ from rfca_rig.twins.encoder import Encoder
 from rfca_rig.twins.motor import moments_between
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
 from rfca_rig.twins.speed_loop import LoopGains, SetPoint, SpeedLoop
+from rfca_rig.twins.thermal_model import Warming, Warmth
 from rfca_rig.twins.ticks import Ticks
-from rfca_rig.twins.warmth import Warming, Warmth
 
 Floats = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from rfca_rig.protocol.check import Load
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import Block, Kind, whole_blocks
 from rfca_rig.view.gauges import Gauges
-from rfca_rig.view.legs import Legs, Moment
+from rfca_rig.view.leg_pose import Legs, Moment
 from rfca_rig.view.live_health import LiveHealth
 from rfca_rig.view.messages import CHANNELS, WRENCH, Message, hanging_deg, hello
 from rfca_rig.view.progress import Progress

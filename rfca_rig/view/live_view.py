@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from importlib.util import find_spec
 
-from rfca_rig import own_process
+from rfca_rig import subprocesses
 from rfca_rig.clock import WallClock
 from rfca_rig.engine.stop_request import StopRequest
 from rfca_rig.errors import BadInput, RigError
@@ -34,7 +34,7 @@ def check_view_is_installed() -> None:
 def check_live_view() -> None:
     """The same for the view of a run that goes on, and for systems that cannot have it."""
     check_view_is_installed()
-    if not own_process.can_be_started():
+    if not subprocesses.can_be_started():
         raise BadInput("a run cannot be viewed live on this system; look at its recording afterwards, with rfca-rig view RUN")
 
 
@@ -55,7 +55,7 @@ class LiveView:
         self._queue = BlockQueue.create(QUEUE_BYTES)
         self.run_queue = RunQueue(self._queue, plan.stages, stop_request, clock, vitals, told)
         try:
-            self._process, self._child = own_process.started(MODULE, Assignment(facts, self._queue.name, clock, port, token))
+            self._process, self._child = subprocesses.started(MODULE, Assignment(facts, self._queue.name, clock, port, token))
         except OSError as error:
             self._queue.remove()
             raise RigError(f"the view cannot be started: {error}") from error

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rfca_rig.view.clip import Clip, Samples
 from rfca_rig.view.decimation import Extrema, Floats
-from rfca_rig.view.legs import Legs, Moment
+from rfca_rig.view.leg_pose import Legs, Moment
 from rfca_rig.view.messages import CHANNELS, Message
+from rfca_rig.view.segment import Clip, Samples
 
 KEPT_BYTES = 200 << 20
 LATELY_S = 0.2

@@ -16,7 +16,7 @@ from rfca_rig.clock import WallClock
 from rfca_rig.errors import RigError
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.view.assignment import FAILED, READY, Assignment
-from rfca_rig.view.legs import Legs
+from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.live_feed import LiveRun
 from rfca_rig.view.live_source import LiveSource
 from rfca_rig.view.server import Pages

@@ -10,7 +10,7 @@ from rfca_rig.clock import Clock
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.trip_codes import Trip
 from rfca_rig.view.gauges import Gauge
-from rfca_rig.view.legs import Legs
+from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.messages import CHANNELS, SPAN_S, Health, Message, hello, trace
 from rfca_rig.view.page_feed import BEATS_HZ, SHORTEST_SPAN_S, STATES_HZ, Feed, number_in
 from rfca_rig.view.player import Player

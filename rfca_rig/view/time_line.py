@@ -11,9 +11,9 @@ from rfca_rig.campaign.stored import Stored, StoredStage
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.plan import Flap, Hold, Plan
 from rfca_rig.protocol.written_plan import plan_of
-from rfca_rig.recording.form import Column, StaticStage, Stream
-from rfca_rig.view.clip import Clip, Samples, samples_of
+from rfca_rig.recording.model import Column, StaticStage, Stream
 from rfca_rig.view.scenes import STATIC_SWEEP_DEG, Scene, Stroked, scenes
+from rfca_rig.view.segment import Clip, Samples, samples_of
 
 PAUSE_S = 0.25
 HOLD_S = 1.0  # a static stage stays to be seen for no less

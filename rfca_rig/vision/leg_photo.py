@@ -12,7 +12,7 @@ from rfca_rig.vision.identify import Identified, identify
 from rfca_rig.vision.leg_marks import MarkPlan, mark_positions
 from rfca_rig.vision.marks import find_marks
 from rfca_rig.vision.overlay import draw_overlay
-from rfca_rig.vision.redness import Pixels
+from rfca_rig.vision.red_mask import Pixels
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.vision.outline import Outline, Shape, fit_outline, likely_circle
-from rfca_rig.vision.redness import Patch, Pixels, red_patches, redness, rim_picture, whiteness
+from rfca_rig.vision.red_mask import Patch, Pixels, red_patches, redness, rim_picture, whiteness
 from rfca_rig.vision.rim import GLARE, SMOOTHING_PX, Rays, beside_glare, cast, levels, rim_points, spill, turned_away
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ from rfca_rig.vision.hinge_angles import HingeAngles
 from rfca_rig.vision.identify import Doubt, Identified
 from rfca_rig.vision.leg_marks import MarkPlan
 from rfca_rig.vision.marks import Mark
-from rfca_rig.vision.redness import Pixels
+from rfca_rig.vision.red_mask import Pixels
 
 Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]

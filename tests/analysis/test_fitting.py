@@ -25,7 +25,7 @@ from rfca_rig.description.model_file import read_model_file
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.stroke import stroke_at_speed
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 from rfca_rig.recording.store import write_recording
 from tests.analysis import traces
 from tests.report.recordings import BELIEVED

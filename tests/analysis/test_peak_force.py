@@ -6,7 +6,7 @@ from rfca_rig.analysis.peak_force import PeakForce, find_peak, peak_row_of, stro
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.model.stroke import stroke_at_speed
-from rfca_rig.recording.form import Column, Stream, Stroke
+from rfca_rig.recording.model import Column, Stream, Stroke
 from tests.analysis import traces
 from tests.model.legs import PAPER
 

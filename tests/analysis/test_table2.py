@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.compare import ComparedCondition, ComparedRepeat, compare_condition
-from rfca_rig.analysis.counterpart import Counterpart, counterparts
+from rfca_rig.analysis.matched_simulation import Counterpart, counterparts
 from rfca_rig.analysis.phases import Refused, StrokePhases
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.analysis.table2 import Table2, row_of

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rfca_rig.recording.form import Column, Stream, Stroke
+from rfca_rig.recording.model import Column, Stream, Stroke
 
 REST_N = 3.1
 TOUCHDOWN_S = 0.25

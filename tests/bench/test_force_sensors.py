@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from can.interfaces.virtual import VirtualBus
 
-from rfca_rig.bench.make import open_bench
+from rfca_rig.bench.factory import open_bench
 from rfca_rig.description.force_sensor_sections import AtiDaqSection, AtiSerialSection, NetFtSection
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.drivers.ati_serial import AtiSerialSensor

@@ -10,7 +10,7 @@ from rfca_rig.bench.motors import open_bus
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 from tests.engine.rigs import ROOT, nothing, one_condition, recorder_on
 
 MOTEUS = """

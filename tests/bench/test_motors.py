@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.bench import make
+from rfca_rig.bench import factory
+from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.leg_plant import LegPlant
-from rfca_rig.bench.make import open_bench
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput
@@ -92,7 +92,7 @@ def test_files_from_before_there_was_a_choice_are_still_read(name: str) -> None:
 def test_the_twin_of_a_motor_is_opened_with_its_own_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, motor: str) -> None:
     """The leg falls from where it is parked, and the motor holds it where it then hangs."""
     rig, plants = rig_with(tmp_path, motor), []
-    monkeypatch.setattr(make, "LegPlant", lambda *args, **named: plants.append(LegPlant(*args, **named)) or plants[-1])
+    monkeypatch.setattr(factory, "LegPlant", lambda *args, **named: plants.append(LegPlant(*args, **named)) or plants[-1])
     with open_bench(rig, 1) as bench:
         bench.motor.enable()
         shaft = bench.motor.read()

@@ -11,7 +11,7 @@ import pytest
 
 from rfca_rig.bench.stage_photos import photo_hashes, read_stage_photos, with_photos_read
 from rfca_rig.description.rig_file import read_rig
-from rfca_rig.recording.form import Recording, StaticStage
+from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.twins.camera import Disturbance, render_leg
 from rfca_rig.vision.leg_marks import MarkPlan, mark_positions
 from rfca_rig.vision.leg_photo import Eye

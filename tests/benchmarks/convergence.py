@@ -21,7 +21,7 @@ from rfca_rig.model.integrator import DONE, FIRST_STEP_S, integrate
 from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Chain, Samples
 from rfca_rig.model.stroke import stroke_at_speed
-from rfca_rig.report.look import FAINT, MEASURED, STYLE
+from rfca_rig.report.style import FAINT, MEASURED, STYLE
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
 from tests.model.test_equations_of_motion import energy_J, free_shaft, released, vector_mechanics
 

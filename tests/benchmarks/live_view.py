@@ -26,7 +26,7 @@ import numpy as np
 from websockets.exceptions import ConnectionClosed
 
 from rfca_rig.acquisition.acquired import AcquiredDatagrams
-from rfca_rig.bench.make import open_bench
+from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.clock import Clock
 from rfca_rig.description.rig_file import RigFile
@@ -38,7 +38,7 @@ from rfca_rig.errors import RigError
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Plan, Rest, Stage
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.form import Recording, Stroke
+from rfca_rig.recording.model import Recording, Stroke
 from rfca_rig.recording.process_keeper import ProcessKeeper
 from rfca_rig.view.live_view import LiveView
 from rfca_rig.view.messages import WRENCH

@@ -20,12 +20,12 @@ from rfca_rig.recording import run_folder
 from rfca_rig.recording.atomic import GrowingFile, remove
 from rfca_rig.recording.blocks import Begin, End, samples_block, start_block
 from rfca_rig.recording.checking import check_run
+from rfca_rig.recording.cooperative import at_once
 from rfca_rig.recording.journal import Block, framed
 from rfca_rig.recording.layout import journal_path, stage_path
 from rfca_rig.recording.rows import Rows, Start
 from rfca_rig.recording.run_writer import RunWriter
 from rfca_rig.recording.stage_file import write_stage
-from rfca_rig.recording.steps import at_once
 from rfca_rig.recording.sums import sha256_of
 from tests.recording.growing import FORCE, FORMS, SHAFT, WRENCH, header
 

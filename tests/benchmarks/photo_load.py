@@ -16,7 +16,7 @@ import numpy as np
 from rfca_rig.clock import WallClock
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.blocks import Begin, End, samples_block
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 from rfca_rig.recording.picture import write_picture
 from rfca_rig.recording.process_keeper import ProcessKeeper
 from tests.recording.growing import FORCE, FORMS, SHAFT, static_stage

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.acquisition.acquired import AcquiredDatagrams
-from rfca_rig.bench.make import open_bench
+from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.clock import Clock
 from rfca_rig.description.rig_file import RigFile
@@ -33,7 +33,7 @@ from rfca_rig.errors import RigError
 from rfca_rig.protocol.plan import Flap, Plan
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.checking import check_run
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 from rfca_rig.recording.process_keeper import ProcessKeeper
 from tests.acquisition.sender import sending
 from tests.engine.rigs import ROOT, one_condition

@@ -10,7 +10,7 @@ from rfca_rig.bench.cameras import TwinCamera
 from rfca_rig.clock import TwinClock
 from rfca_rig.errors import BadInput
 from rfca_rig.twins.camera import CameraTwin, Disturbance, render_leg
-from rfca_rig.twins.disturbance import seen_by_sensor
+from rfca_rig.twins.image_noise import seen_by_sensor
 from rfca_rig.twins.painting import covered_share
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark

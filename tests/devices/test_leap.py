@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rfca_rig.drivers.encoder_jump import LeapWatch
 from rfca_rig.drivers.frame_count import FrameCount
-from rfca_rig.drivers.leap import LeapWatch
-from rfca_rig.drivers.told_temperature import ToldTemperature
+from rfca_rig.drivers.temperature import ToldTemperature
 
 
 def followed(angles_rad: np.ndarray, speeds_rad_s: np.ndarray, period_s: float = 2e-3) -> LeapWatch:

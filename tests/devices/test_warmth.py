@@ -4,7 +4,7 @@ from math import exp
 
 import pytest
 
-from rfca_rig.twins.warmth import Warming, Warmth
+from rfca_rig.twins.thermal_model import Warming, Warmth
 
 LAW = Warming(air_degC=25.0, time_constant_s=100.0, rise_K_per_Nm2=0.5)
 

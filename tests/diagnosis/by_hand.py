@@ -26,7 +26,7 @@ from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.model.stroke import stroke_at_speed
-from rfca_rig.recording.form import Column, StaticStage, Stream, Stroke
+from rfca_rig.recording.model import Column, StaticStage, Stream, Stroke
 
 RIG_FILE = read_rig(Path(__file__).parents[2] / "calibration" / "twin.toml")
 RIG = RIG_FILE.model()

@@ -17,9 +17,9 @@ from rfca_rig.diagnosis.residual_force.force_inputs import nominal_conditions, p
 from rfca_rig.diagnosis.residual_force.free_form import FreeForm, free_form, place_of
 from rfca_rig.diagnosis.residual_force.sparse_law import SERIES, SURE_OF_SIGN_RAD_S, series
 from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, SplineBasis, bump_in_turn, forced_stroke, tick, torque
-from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import NOTHING, drawn_cases
 from rfca_rig.exam.designs import Design
+from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import GRAVITY_M_S2, PresentEffect
 from tests.model.legs import PAPER

@@ -13,11 +13,11 @@ from rfca_rig.diagnosis.diagnose import _candidates as candidates
 from rfca_rig.diagnosis.diagnose import prepare_data
 from rfca_rig.diagnosis.leg.stages import stage_tables
 from rfca_rig.errors import BadInput
-from rfca_rig.exam.campaign_of import write_campaign
 from rfca_rig.exam.cases import POOR_DATA, drawn_cases
+from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 from tests.campaign.small import SMALL
 from tests.cli.typed import typed
 from tests.diagnosis.by_hand import RIG, flaps_of, recorded

@@ -27,10 +27,10 @@ from rfca_rig.diagnosis.residual_force.law_arguments import knots_over, make_arg
 from rfca_rig.diagnosis.residual_force.law_prior import NONE, root_of
 from rfca_rig.diagnosis.residual_force.measured_law import TableTerm, base_without, fit_law, measure_law, with_memory_test
 from rfca_rig.errors import BadInput
-from rfca_rig.exam import campaign_of
+from rfca_rig.exam import simulate_campaign
 from rfca_rig.exam.cases import NOTHING, drawn_cases
 from rfca_rig.exam.designs import Design
-from rfca_rig.exam.rig_of import world_of
+from rfca_rig.exam.sampled_rig import world_of
 from rfca_rig.executors.cores import algebra_on_one_thread
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import LawTable, PresentEffect
@@ -45,7 +45,7 @@ PENDULUM = Path(__file__).parents[1] / "data" / "dfki-pendulum" / "simple"
 def campaign(folder, design, **concealed):
     """A campaign of the exam's own engine that conceals this."""
     (case,) = drawn_cases(7, {NOTHING: 1})
-    campaign_of.write_campaign(replace(case, design=design, **concealed), folder)
+    simulate_campaign.write_campaign(replace(case, design=design, **concealed), folder)
     return read_campaign(folder)
 
 
@@ -101,7 +101,7 @@ def squared_stribeck(tmp_path_factory):
 
     concealed = {"ground_stribeck": {"rise_relative": 0.5, "speed_m_s": 0.28}}
     with pytest.MonkeyPatch.context() as patch, algebra_on_one_thread():
-        patch.setattr(campaign_of, "world_of", squared)
+        patch.setattr(simulate_campaign, "world_of", squared)
         return *searched(folder, effects=concealed), campaign(folder / "other heights", OTHER, effects=concealed)
 
 

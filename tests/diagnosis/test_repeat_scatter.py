@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.leg.simulator import leg_dataset
 from rfca_rig.diagnosis.likelihood.repeat_scatter import estimate_scatter
-from rfca_rig.recording.form import Column
+from rfca_rig.recording.model import Column
 from tests.diagnosis.by_hand import NOISE, RIG, flaps_of, recorded
 
 CONDITIONS = ((215.0, 2.433), (235.0, 3.0))

@@ -9,7 +9,7 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.diagnosis.leg.stages import stage_tables
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.static_stages import StageMoves
-from rfca_rig.recording.form import StaticStage
+from rfca_rig.recording.model import StaticStage
 from tests.diagnosis.by_hand import RIG
 
 STAGES = [

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from rfca_rig.bench.make import open_bench
+from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.description.protocol_file import read_dynamic
 from rfca_rig.description.rig_file import RigFile, read_rig
@@ -13,8 +13,8 @@ from rfca_rig.engine.bench import Bench
 from rfca_rig.protocol.experiments import flapping_plan
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.form import Recording
 from rfca_rig.recording.keeper import DirectKeeper
+from rfca_rig.recording.model import Recording
 from rfca_rig.recording.store import read_recording
 
 ROOT = Path(__file__).parents[2]

@@ -8,11 +8,11 @@ import pytest
 
 from rfca_rig.exam import cases
 from rfca_rig.exam.cases import DEFAULT_NUMBERS, KINDS, NEVER_TOGETHER, drawn_cases, shared_out
-from rfca_rig.exam.concealed import EFFECTS, with_effect
+from rfca_rig.exam.injected_faults import EFFECTS, with_effect
 from rfca_rig.exam.labels import MISLABELLED
-from rfca_rig.exam.rig_of import Scatter, world_of
+from rfca_rig.exam.sampled_rig import Scatter, world_of
 from rfca_rig.exam.sizes import SPANS, STRANGER_SPANS
-from rfca_rig.exam.strangers import NAMES
+from rfca_rig.exam.unknown_faults import NAMES
 from rfca_rig.exam.visible import size_of
 from rfca_rig.model.catalogue import catalogue
 

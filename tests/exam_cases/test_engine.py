@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rfca_rig.exam.believed import believed_world
-from rfca_rig.exam.concealed import EFFECTS, with_effect
 from rfca_rig.exam.engine import Traces, simulate
 from rfca_rig.exam.experiment import STEP_S, stroke_traces
+from rfca_rig.exam.injected_faults import EFFECTS, with_effect
 from rfca_rig.exam.sizes import values_of
 from rfca_rig.exam.world import GRAVITY_M_S2, World, everywhere
 

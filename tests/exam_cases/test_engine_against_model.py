@@ -7,9 +7,9 @@ import pytest
 
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.exam.believed import BELOW_SHAFT_M, LENGTHS_M, MASSES_KG, RAMP_S, START_RAD, believed_world
-from rfca_rig.exam.concealed import EFFECTS, with_effect
 from rfca_rig.exam.engine import RELEASED_S, simulate
 from rfca_rig.exam.experiment import HOLD_S, LOADING_RAD, MOVE_RAD_S, STEP_S, staged, stroke_traces
+from rfca_rig.exam.injected_faults import EFFECTS, with_effect
 from rfca_rig.exam.sensor import felt
 from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount, Swing
 from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, staged_motion

@@ -5,9 +5,9 @@ import pytest
 
 from rfca_rig.errors import BadInput
 from rfca_rig.exam import cases
+from rfca_rig.exam.answer import Claim, Said, read_said, said_in
 from rfca_rig.exam.claims import calibration, values
 from rfca_rig.exam.outcome import CAUTIOUS, CLASS, EXTRA, PARTIAL, RIGHT, SILENT, WRONG, outcome, truth_in
-from rfca_rig.exam.said import Claim, Said, read_said, said_in
 from rfca_rig.exam.score import Share, score
 
 

@@ -3,8 +3,8 @@
 import pytest
 
 from rfca_rig.exam import cases, pendulum_cases
+from rfca_rig.exam.answer import Claim, Said
 from rfca_rig.exam.outcome import truth_in
-from rfca_rig.exam.said import Claim, Said
 from rfca_rig.exam.score import score
 from rfca_rig.exam.sizes import STRANGER_SPANS
 from rfca_rig.exam.statements import STRANGERS, score_statements, statements

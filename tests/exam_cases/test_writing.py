@@ -13,16 +13,16 @@ from rfca_rig.cli.lines import WIDTH
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam import cases
 from rfca_rig.exam.believed import OffBy
-from rfca_rig.exam.campaign_of import add_experiment, write_campaign
 from rfca_rig.exam.cases import Case, drawn_cases
-from rfca_rig.exam.concealed import EFFECTS
 from rfca_rig.exam.designs import Design
 from rfca_rig.exam.experiment import stroke_traces
-from rfca_rig.exam.marking import mark, wording
-from rfca_rig.exam.rig_of import Scatter, world_of
+from rfca_rig.exam.injected_faults import EFFECTS
+from rfca_rig.exam.sampled_rig import Scatter, world_of
 from rfca_rig.exam.score import score
+from rfca_rig.exam.scoring import mark, wording
 from rfca_rig.exam.sealing import open_all
-from rfca_rig.exam.strangers import NAMES
+from rfca_rig.exam.simulate_campaign import add_experiment, write_campaign
+from rfca_rig.exam.unknown_faults import NAMES
 from rfca_rig.exam.write import write_cases
 
 SMALL = Design(conditions=((215.0, 3.0), (235.0, 2.0)), repeats=2, static_heights_mm=(215.0,))

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from rfca_rig.recording.form import Column, RawStage, Recording, StaticStage, Stream, Stroke
+from rfca_rig.recording.model import Column, RawStage, Recording, StaticStage, Stream, Stroke
 
 STARTS_S = (12.5, 16.75)  # host times of the commanded starts
 HOLD_S = 20.0

@@ -16,7 +16,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.export.mcap_file import Exported, export_mcap
 from rfca_rig.export.sample_messages import Layout
 from rfca_rig.progress import unwatched
-from rfca_rig.recording.form import Column, RawStage, Recording, Stream, Stroke
+from rfca_rig.recording.model import Column, RawStage, Recording, Stream, Stroke
 from rfca_rig.recording.store import write_recording
 from tests.export.recordings import HOLD_S, STARTS_S, lay_photos, recording, streams
 

@@ -3,8 +3,8 @@
 import can
 import pytest
 
-from rfca_rig.guardian.letting_go import EVERY_S, FOR_S, LEAST_TIMES
 from rfca_rig.guardian.records import Kind, Record, encode, frame_of, of_frame, silenced_of, split
+from rfca_rig.guardian.torque_off import EVERY_S, FOR_S, LEAST_TIMES
 from rfca_rig.twins.can_wire import CanEnd
 from tests.guardian.inside import EXIT, LAST_WORD, LIMP, command, inside, reply
 

@@ -14,7 +14,7 @@ from rfca_rig.diagnosis.result import Overlay
 from rfca_rig.diagnosis.window_fit import ALL, FittedShift, SignalError, WindowFit
 from rfca_rig.report.diagnosis_pictures import _broken
 from rfca_rig.report.motions_page import MOST_SHOWN, MotionsReport, write_motions
-from rfca_rig.report.origin import Origin
+from rfca_rig.report.provenance import Origin
 from tests.cli.typed import typed
 from tests.mechanism.arm import Arm, Friction, record, write_campaign
 

@@ -13,7 +13,7 @@ from rfca_rig.model.energy import mechanical_energy_J, springs_J
 from rfca_rig.model.forces import assemble_once
 from rfca_rig.model.hinge_springs import bending_stiffness_Nm_per_rad, bending_torque_Nm, polynomial_springs, springs_of
 from rfca_rig.model.parameters import LawTable, PresentEffect, TorqueSpline
-from rfca_rig.model.relinking import with_links
+from rfca_rig.model.rediscretize import with_links
 from rfca_rig.model.stage import room_to_work
 from rfca_rig.model.state import Shaft, State
 from rfca_rig.model.statics import equilibrium_under_tip_force, imbalance_Nm, tangent_stiffness, tip_chain_of

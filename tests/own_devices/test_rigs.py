@@ -8,7 +8,7 @@ import can
 import numpy as np
 import pytest
 
-from rfca_rig.bench.make import open_bench
+from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.motors import make_motor
 from rfca_rig.bench.openings import Openings
 from rfca_rig.bench.served import open_served

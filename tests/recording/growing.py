@@ -9,9 +9,9 @@ import numpy as np
 
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.blocks import Begin, Condition, End, event_block, samples_block, start_block
-from rfca_rig.recording.form import RawStage, Recording, StaticStage, Stroke
 from rfca_rig.recording.journal import Block, Kind
 from rfca_rig.recording.keeper import DirectKeeper, Keeper
+from rfca_rig.recording.model import RawStage, Recording, StaticStage, Stroke
 from rfca_rig.recording.rows import ColumnForm, Rows, Start, StreamForm, stream_of
 from tests.recording.samples import WRENCH, recording, stage
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rfca_rig.recording.form import Recording, Stream
+from rfca_rig.recording.model import Recording, Stream
 
 
 def assert_same(one: Recording, other: Recording) -> None:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from rfca_rig.recording.form import Column, Recording, StaticStage, Stream, Stroke
+from rfca_rig.recording.model import Column, Recording, StaticStage, Stream, Stroke
 
 WRENCH = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
 

@@ -14,10 +14,10 @@ from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.checking import check_run
-from rfca_rig.recording.form import Recording
 from rfca_rig.recording.journal import Block, Kind, framed
 from rfca_rig.recording.keeper import DirectKeeper
 from rfca_rig.recording.layout import journals
+from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_text import Ending, write_ending
 from rfca_rig.recording.store import read_recording
 from tests.engine.rigs import nothing, one_condition, recorder_on, twin_rig

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import BadInput, DiskFull
-from rfca_rig.recording import ballast, run_folder
+from rfca_rig.recording import disk_reserve, run_folder
 from rfca_rig.recording.atomic import RoughFile
-from rfca_rig.recording.ballast import Ballast, check_room
 from rfca_rig.recording.blocks import event_block
+from rfca_rig.recording.disk_reserve import Ballast, check_room
 from rfca_rig.recording.keeper import DirectKeeper
 from rfca_rig.recording.layout import journals
 from rfca_rig.recording.process_keeper import ProcessKeeper
@@ -51,7 +51,7 @@ def test_a_full_disk_stops_the_run_and_costs_nothing_that_was_recorded(tmp_path:
 
 
 def test_where_not_even_the_ballast_is_room_enough_the_journal_waits_for_recovery(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(ballast, "BALLAST_BYTES", 6_000)
+    monkeypatch.setattr(disk_reserve, "BALLAST_BYTES", 6_000)
     folder = tmp_path / "run"
     keeper = grown(folder, 1)
     disk = FullDisk(folder, 0)

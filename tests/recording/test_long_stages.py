@@ -11,15 +11,15 @@ from rfca_rig.recording import journal as journal_module
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.blocks import Begin, Condition, End, samples_block, start_block
 from rfca_rig.recording.columns import ROWS_PER_CHUNK
-from rfca_rig.recording.form import Stroke
+from rfca_rig.recording.cooperative import at_once
 from rfca_rig.recording.journal import blocks_in, framed, whole_blocks
 from rfca_rig.recording.keeper import DirectKeeper
 from rfca_rig.recording.layout import stage_files
+from rfca_rig.recording.model import Stroke
 from rfca_rig.recording.rows import Rows, stream_of
 from rfca_rig.recording.stage_file import write_stage
-from rfca_rig.recording.steps import at_once
 from rfca_rig.recording.store import read_recording
-from rfca_rig.recording.tally import tally_of
+from rfca_rig.recording.summary import tally_of
 from tests.recording.growing import FORCE, FORMS, SHAFT, SPEED, START, WRENCH, begun, header
 from tests.recording.same import assert_same
 

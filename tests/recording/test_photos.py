@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import RigError
-from rfca_rig.own_process import can_be_started
 from rfca_rig.recording import picture, run_folder
 from rfca_rig.recording.keeper import DirectKeeper
 from rfca_rig.recording.photo_sender import PhotoSender
 from rfca_rig.recording.process_keeper import ProcessKeeper
 from rfca_rig.recording.run_text import events_of
+from rfca_rig.subprocesses import can_be_started
 from tests.recording.growing import exhaust, grown, hand_over, header, run_blocks, static_blocks, wait_until_acknowledged
 from tests.recording.growing import picture as picture_of
 from tests.recording.test_recorder_process import ROOT, _wait_until_over

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.errors import BadInput, RigError, Tripped
-from rfca_rig.own_process import can_be_started
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import framed
 from rfca_rig.recording.process_keeper import ProcessKeeper
 from rfca_rig.recording.run_lock import check_over
+from rfca_rig.subprocesses import can_be_started
 from tests.recording.growing import PER_TICK, TICKS, begun, exhaust, grown, hand_over, header, run_blocks, wait_until_acknowledged
 
 pytestmark = pytest.mark.skipif(not can_be_started(), reason="no process can be started to record")

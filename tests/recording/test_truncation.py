@@ -10,10 +10,10 @@ import pytest
 
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.checking import check_run
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.cooperative import at_once
 from rfca_rig.recording.layout import journals
+from rfca_rig.recording.model import Recording
 from rfca_rig.recording.stage_file import write_stage
-from rfca_rig.recording.steps import at_once
 from tests.recording.growing import begun, expected, grown, header, streams
 from tests.recording.same import assert_same
 from tests.recording.test_crashes import recovered

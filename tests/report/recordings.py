@@ -6,7 +6,7 @@ import numpy as np
 
 from rfca_rig.description.believed import believed_model
 from rfca_rig.model.stroke import stroke_at_speed
-from rfca_rig.recording.form import Recording, StaticStage, Stroke
+from rfca_rig.recording.model import Recording, StaticStage, Stroke
 from tests.analysis import traces
 
 BELIEVED = {

@@ -7,7 +7,7 @@ import numpy as np
 from rfca_rig.protocol.cycles import Cycles, StiffnessCheck
 from rfca_rig.protocol.plan import Flap, Hold, HoldTiming, Limits, Plan, Rates, SettleCriterion
 from rfca_rig.protocol.written_plan import plan_texts
-from rfca_rig.recording.form import Column, RawStage, Recording, StaticStage, Stream
+from rfca_rig.recording.model import Column, RawStage, Recording, StaticStage, Stream
 from tests.report.recordings import BELIEVED, CONDITIONS, KNOWN_TO, strokes
 
 LIMITS = Limits(300.0, 25.0, 20.0, 0.35, 0.14, 0.05, 0.5, 0.2, 2.0, 0.1, 80.0, 0.05)

@@ -30,9 +30,9 @@ from rfca_rig.report.diagnosis_map import EDGES, band, maps_of
 from rfca_rig.report.diagnosis_page import page
 from rfca_rig.report.diagnosis_terminal import MOST_LINES, WIDTH, terminal_lines
 from rfca_rig.report.diagnosis_wording import UNLISTED, hypothesis, percent, significant, within_90
-from rfca_rig.report.light_paths import with_light_paths
 from rfca_rig.report.named_units import shown
-from rfca_rig.report.origin import Origin
+from rfca_rig.report.provenance import Origin
+from rfca_rig.report.svg_paths import with_light_paths
 from tests.model.legs import PAPER
 from tests.report.outline import Outline
 from tests.report.test_law_picture import CURVE, law

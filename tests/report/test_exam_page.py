@@ -6,13 +6,13 @@ from dataclasses import replace
 import pytest
 
 from rfca_rig.exam import cases
+from rfca_rig.exam.ablation import Named, TakenOut
 from rfca_rig.exam.bars import bars
 from rfca_rig.exam.cases import shared_out
-from rfca_rig.exam.marked import MarkedCase, examined
 from rfca_rig.exam.outcome import OUTCOMES
 from rfca_rig.exam.plan import Plan
 from rfca_rig.exam.score import Share
-from rfca_rig.exam.taken_out import Named, TakenOut
+from rfca_rig.exam.scored import MarkedCase, examined
 from rfca_rig.report.exam_files import HEADER, as_json, write_exam
 from rfca_rig.report.exam_matrix import MatrixCell, matrix_of
 from rfca_rig.report.exam_page import page, share_text

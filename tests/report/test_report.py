@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.description.believed import believed_model
 from rfca_rig.errors import RigError
 from rfca_rig.model.stroke import stroke_at_speed
-from rfca_rig.report.origin import Origin, Recorded
+from rfca_rig.report.provenance import Origin, Recorded
 from rfca_rig.report.sources import GivenModel
 from rfca_rig.report.writing import write_report
 from tests.analysis import traces

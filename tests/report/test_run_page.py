@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.report.clock_drift import clock_drifts
-from rfca_rig.report.origin import Link, Origin, Recorded, Told
+from rfca_rig.report.provenance import Link, Origin, Recorded, Told
 from rfca_rig.report.run_page import page, tables_of
 from rfca_rig.report.run_parts import story_of
 from rfca_rig.report.run_pictures import MOST_STAGES, MOST_TRACES, static_shown, traced

@@ -15,7 +15,7 @@ from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.errors import RigError
 from rfca_rig.exam.believed import believed_world
-from rfca_rig.exam.concealed import with_effect
+from rfca_rig.exam.injected_faults import with_effect
 from rfca_rig.report.static_source import StaticSource, static_sources
 from rfca_rig.report.static_writing import write_static_report
 from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording

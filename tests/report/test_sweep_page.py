@@ -8,8 +8,8 @@ import pytest
 
 from rfca_rig.report.sweep_page import page
 from rfca_rig.report.sweep_sensitivities import explained
+from rfca_rig.report.sweep_text import formula, name_and_unit
 from rfca_rig.report.sweep_views import drawn_groups, views
-from rfca_rig.report.sweep_words import formula, name_and_unit
 from rfca_rig.sweep.result import SweepResult
 from rfca_rig.sweep.typed_sweep import typed_plan
 from tests.model.legs import PAPER

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rfca_rig.bench.twin_faults import events_of
+from rfca_rig.bench.fault_injection import events_of
 from rfca_rig.clock import TwinClock
 from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
 from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings

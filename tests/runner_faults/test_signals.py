@@ -21,7 +21,7 @@ from rfca_rig.codecs.odrive_meanings import WATCHDOG_EXPIRED
 from rfca_rig.codecs.odrive_messages import AxisState, Command, Heartbeat, Torques
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_lock import check_over
 from rfca_rig.recording.run_text import events_of
 from tests.twin_server.server import Server, serving

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from rfca_rig.bench.twin_faults import events_of
+from rfca_rig.bench.fault_injection import events_of
 from rfca_rig.contracts.motor_rig import motor_rig
 from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
 from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings

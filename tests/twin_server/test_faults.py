@@ -5,7 +5,7 @@ import re
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.twin_server.agenda import Agenda, Switching, switchings
+from rfca_rig.twin_server.fault_schedule import Agenda, Switching, switchings
 from rfca_rig.twin_server.faults import FaultPanel
 from tests.twin_server.fault_table import CATALOGUE, NOTHING, noticed, table, told
 

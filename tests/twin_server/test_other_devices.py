@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from rfca_rig.bench.make import open_bench
+from rfca_rig.bench.factory import open_bench
 from rfca_rig.description.rig_file import read_rig
 from tests.engine.rigs import ROOT
 from tests.twin_server.server import serving

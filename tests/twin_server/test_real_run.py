@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from rfca_rig.bench.make import open_bench
+from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.recorder import stroke_of
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.drivers.roles import SensorScale, StreamHealth
@@ -16,7 +16,7 @@ from rfca_rig.engine.run import run_plan
 from rfca_rig.engine.sink import Recorded, Sink
 from rfca_rig.errors import DeviceError, Tripped
 from rfca_rig.protocol.plan import Flap
-from rfca_rig.recording.form import Stroke
+from rfca_rig.recording.model import Stroke
 from rfca_rig.trip_codes import Trip
 from tests.engine.rigs import ROOT, nothing, one_condition, twin_rig
 from tests.twin_server.server import Server, serving

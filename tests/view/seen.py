@@ -12,7 +12,7 @@ from rfca_rig.engine.observer import Tick
 from rfca_rig.engine.stop_request import StopRequest
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.recording.block_queue import BlockQueue
-from rfca_rig.view.legs import Legs
+from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.live_feed import LiveRun
 from rfca_rig.view.live_source import LiveSource
 from rfca_rig.view.run_facts import run_facts

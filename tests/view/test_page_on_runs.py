@@ -17,8 +17,8 @@ from rfca_rig.campaign.stored import stored_at
 from rfca_rig.clock import WallClock
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import Stopped
-from rfca_rig.recording.form import Stroke
-from rfca_rig.view.legs import Legs
+from rfca_rig.recording.model import Stroke
+from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.live_view import url_of
 from rfca_rig.view.replay import Replay
 from rfca_rig.view.serving import bound, port_of, serve

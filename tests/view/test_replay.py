@@ -9,9 +9,9 @@ import pytest
 from rfca_rig.campaign.stored import in_memory, stored_at
 from rfca_rig.clock import TwinClock
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.form import Column, Recording, Stream, Stroke
+from rfca_rig.recording.model import Column, Recording, Stream, Stroke
 from rfca_rig.recording.store import write_recording
-from rfca_rig.view.legs import Legs
+from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.replay import Replay
 from rfca_rig.view.time_line import PAUSE_S
 from tests.engine.rigs import one_condition, recorder_on, twin_rig

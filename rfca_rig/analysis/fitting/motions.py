@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.counterpart import GRID_S, Shaft
 from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.matched_simulation import GRID_S, Shaft
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.analysis.shaft_speed import average_speed
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
 from rfca_rig.model.stroke import SimulatedStroke, stroke_following
-from rfca_rig.recording.form import Stroke
+from rfca_rig.recording.model import Stroke
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.space import Parameter, Space
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.nearest import suggestion
+from rfca_rig.suggestions import suggestion
 
 Floats = NDArray[np.float64]
 

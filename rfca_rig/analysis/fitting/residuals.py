@@ -16,17 +16,17 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.counterpart import Shaft
 from rfca_rig.analysis.fitting.motions import Turn, turns_of
 from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.phases import PHASES, Refused, StrokePhases
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.analysis.valley import valley_and_phases
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.executors.cores import cores
 from rfca_rig.model.stroke import SimulatedStroke
-from rfca_rig.nearest import suggestion
-from rfca_rig.recording.form import Stroke
+from rfca_rig.recording.model import Stroke
+from rfca_rig.suggestions import suggestion
 
 Floats = NDArray[np.float64]
 

@@ -4,18 +4,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from rfca_rig.analysis.counterpart import Shaft
 from rfca_rig.analysis.fitting.fit import Search, fit
 from rfca_rig.analysis.fitting.motions import recorded_start_rad
 from rfca_rig.analysis.fitting.parameters import Supposed, space_of
 from rfca_rig.analysis.fitting.residuals import StrokeProblem, Window, problem_of
 from rfca_rig.analysis.fitting.result import FitResult
 from rfca_rig.analysis.fitting.scatter import USUAL
+from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.description.believed import believed_model
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.recording.form import Recording, Stroke
+from rfca_rig.recording.model import Recording, Stroke
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.counterpart import GRID_S, LONGER
 from rfca_rig.analysis.fitting.fit import Search, fit
 from rfca_rig.analysis.fitting.parameters import Supposed, space_of
 from rfca_rig.analysis.fitting.result import FitResult
+from rfca_rig.analysis.matched_simulation import GRID_S, LONGER
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.errors import SimulationFailed

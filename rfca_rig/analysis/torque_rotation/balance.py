@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.torque_rotation.bases import Basis
-from rfca_rig.analysis.torque_rotation.doubts import ANY, Doubts, rest_name
+from rfca_rig.analysis.torque_rotation.systematics import ANY, SystematicErrors, rest_name
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 
 Floats = NDArray[np.float64]
@@ -42,7 +42,9 @@ class Group:
 @dataclass(frozen=True)
 class Linear:
     """The conditions g (S, R) at some point and their derivatives by what was measured (S, R, m), by depths and friction of the ends
-    (S, R, 2 T), and by curve and doubts (S, R, P); `slack` (S, R) is the variance with which a condition holds. `normal_N` (S, T).
+    (S, R, 2 T), and by curve and systematic errors (S, R, P).
+
+    `slack` (S, R) is the variance with which a condition holds. `normal_N` (S, T).
     """
 
     g: Floats
@@ -55,14 +57,15 @@ class Linear:
 
 @dataclass(frozen=True)
 class Balance:
-    """The conditions for a rig, a form of the curve and doubts. `extra` (S, h, e): further columns of hinge torque, of all stages.
+    """The conditions for a rig, a form of the curve and systematic errors.
 
-    Unknowns p (P,) are the coefficients of the form, of the further columns, and the doubts.
+    `extra` (S, h, e) are further columns of hinge torque, of all stages.
+    Unknowns p (P,) are the coefficients of the form, of the further columns, and the systematic errors.
     """
 
     rig: RigModel
     basis: Basis
-    doubts: Doubts
+    systematic_errors: SystematicErrors
     extra: Floats
 
     @property
@@ -84,37 +87,37 @@ class Balance:
     def weight_N(self) -> float:
         return GRAVITY_M_S2 * sum(self.rig.leg.link_masses_kg)
 
-    def doubt(self, p: Floats, name: str) -> float:
+    def systematic_error(self, p: Floats, name: str) -> float:
         """Its value in p, 0 where it is not doubted."""
-        place = self.doubts.place(name)
+        place = self.systematic_errors.place(name)
         return 0.0 if place is None else float(p[self.curve_size + place])
 
     def rest_rad(self, p: Floats) -> Floats:
         """(h,) the angles at which the hinges bear nothing: as believed, and what they are off."""
         believed = np.array(self.rig.leg.rest_angles_rad or (0.0,) * (self.L.size - 1))
-        return believed + [self.doubt(p, rest_name(hinge)) for hinge in range(believed.size)]
+        return believed + [self.systematic_error(p, rest_name(hinge)) for hinge in range(believed.size)]
 
     def mended(self, z: Floats, p: Floats, recording: NDArray[np.intp]) -> Floats:
         """What was measured, less what zeros and tares shift it by, and less the sensor's gain."""
         mended = z.copy()
-        for place, doubt in enumerate(self.doubts.each):
-            if doubt.column is not None:
-                mended[:, doubt.column] -= np.where(
-                    (doubt.recording == ANY) | (recording == doubt.recording), p[self.curve_size + place], 0.0
+        for place, systematic_error in enumerate(self.systematic_errors.each):
+            if systematic_error.column is not None:
+                mended[:, systematic_error.column] -= np.where(
+                    (systematic_error.recording == ANY) | (recording == systematic_error.recording), p[self.curve_size + place], 0.0
                 )
-        mended[:, self.L.size :] /= 1.0 + self.doubt(p, "gain")
+        mended[:, self.L.size :] /= 1.0 + self.systematic_error(p, "gain")
         return mended
 
     def depth_m(self, z: Floats, p: Floats, group: Group) -> Floats:
         """(S, n) how far every link end is in the floor, for angles z that were mended."""
-        offset_m = np.array([self.doubt(p, f"height_{i}") for i in group.height])
+        offset_m = np.array([self.systematic_error(p, f"height_{i}") for i in group.height])
         q = absolute(z, self.L.size)
         down_m, along_m = np.cumsum(self.L * np.sin(q), axis=1), np.cumsum(self.L * np.cos(q), axis=1)
-        floor_m = (group.height_m + offset_m)[:, None] - self.doubt(p, "slope") * along_m
+        floor_m = (group.height_m + offset_m)[:, None] - self.systematic_error(p, "slope") * along_m
         return np.asarray(down_m + self.rig.leg.link_radius_m - floor_m)
 
     def linear(self, group: Group, z: Floats, c: Floats, p: Floats) -> Linear:
-        """At angles and readings z (S, m), c (S, 2 T) depths of the ends [m] and then their friction [N], curve and doubts p (P,)."""
+        """At angles and readings z (S, m), depths [m] and friction [N] of the ends c (S, 2 T), curve and systematic errors p (P,)."""
         return _Conditions(self, group, self.mended(z, p, group.recording), c, p).linear()
 
 
@@ -140,7 +143,7 @@ class _Conditions:
         self.by_z, self.by_c, self.by_p = (np.zeros((len(z), R, columns)) for columns in (self.h + 4, 2 * self.T, p.size))
         self.deep_m, self.F = c[:, : self.T], c[:, self.T :]
         believed = balance.rig.ground.stiffness_N_per_m1p5
-        stiffness = believed * np.exp(balance.doubt(p, "contact"))
+        stiffness = believed * np.exp(balance.systematic_error(p, "contact"))
         round_m = 0.5 * (LEAST_N / believed) ** (2.0 / 3.0)  # rounds the corner where an end begins to press
         far_m = np.hypot(self.deep_m, round_m)
         root = np.sqrt(0.5 * (self.deep_m + far_m))
@@ -159,9 +162,12 @@ class _Conditions:
         return Linear(self.g, self.by_z, self.by_c, self.by_p, self.slack, self.N)
 
     def _loads(self) -> None:
-        """load_j (S, n) with its derivatives by joint angles (S, n, n), by depths and friction (S, n, 2 T), and by doubts."""
+        """load_j (S, n) with its derivatives by joint angles (S, n, n), by depths and friction (S, n, 2 T), and by systematic errors."""
         w = self.of.weight_moment / self.of.L
-        mass, lever = 1.0 + self.of.doubt(self.p, "mass"), self.of.rig.friction_lever_m + self.of.doubt(self.p, "friction_lever")
+        mass, lever = (
+            1.0 + self.of.systematic_error(self.p, "mass"),
+            self.of.rig.friction_lever_m + self.of.systematic_error(self.p, "friction_lever"),
+        )
         rise = self.of.rig.ground.friction_rise_share
         up, along, arm_m = mass * w - self.N @ self.reach.T, self.F @ self.reach.T, lever - rise * self.deep_m
         self.load = from_on(up * self.across - along * self.down) - (arm_m * self.F) @ self.reach.T
@@ -198,7 +204,7 @@ class _Conditions:
     def _sensor(self) -> None:
         """Readings of torque, fz and fy less what leg and floor make of them."""
         h, T, below_m = self.h, self.T, self.of.rig.sensor.below_shaft_m
-        mass = 1.0 + self.of.doubt(self.p, "mass")
+        mass = 1.0 + self.of.systematic_error(self.p, "mass")
         self.g[:, h] = self.z[:, h + 3] + self.load[:, 0] + below_m * self.F.sum(1)
         self.g[:, h + 1] = self.z[:, h + 2] - mass * self.of.weight_N + self.N.sum(1)
         self.g[:, h + 2] = self.z[:, h + 1] + self.F.sum(1)
@@ -216,7 +222,7 @@ class _Conditions:
         """Every end is as deep as the angles put it."""
         rows, ends = slice(self.h + 3, self.h + 3 + self.T), np.arange(self.T)
         self.g[:, rows] = self.of.depth_m(self.z, self.p, self.group)[:, list(self.group.ends)] - self.deep_m
-        slope, along_m = self.of.doubt(self.p, "slope"), np.cumsum(self.across, axis=1)[:, list(self.group.ends)]
+        slope, along_m = self.of.systematic_error(self.p, "slope"), np.cumsum(self.across, axis=1)[:, list(self.group.ends)]
         sinks = self.arms - slope * np.stack([from_on(self.down * reach) for reach in self.reach.T], axis=2) if self.T else self.arms
         by_joint = np.swapaxes(sinks, 1, 2)  # (S, T, n)
         self.by_z[:, rows, : self.h], self.by_z[:, rows, self.h] = by_joint[:, :, 1:], by_joint[:, :, 0]
@@ -240,16 +246,16 @@ class _Conditions:
             self.slack[:, row] = (SHARE_STD * mu * np.maximum(self.N[:, k], LEAST_N)) ** 2
 
     def _by_doubt(self, rows: slice, name: str, slope: Floats) -> None:
-        place = self.of.doubts.place(name)
+        place = self.of.systematic_errors.place(name)
         if place is not None:
             self.by_p[:, rows, self.of.curve_size + place] += slope
 
     def _shifts(self) -> None:
         """Zeros, tares and gain act through what was measured; the chain rule turns derivatives by mended readings into those by raw."""
-        gain = 1.0 + self.of.doubt(self.p, "gain")
+        gain = 1.0 + self.of.systematic_error(self.p, "gain")
         self._by_doubt(slice(None), "gain", -np.einsum("srm,sm->sr", self.by_z[:, :, self.n :], self.z[:, self.n :]) / gain)
         self.by_z[:, :, self.n :] /= gain
-        for place, doubt in enumerate(self.of.doubts.each):
-            if doubt.column is not None:
-                here = (doubt.recording == ANY) | (self.group.recording == doubt.recording)
-                self.by_p[here, :, self.of.curve_size + place] -= self.by_z[here, :, doubt.column]
+        for place, systematic_error in enumerate(self.of.systematic_errors.each):
+            if systematic_error.column is not None:
+                here = (systematic_error.recording == ANY) | (self.group.recording == systematic_error.recording)
+                self.by_p[here, :, self.of.curve_size + place] -= self.by_z[here, :, systematic_error.column]

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from rfca_rig.analysis.torque_rotation.adjustment import Adjusted, freed, weighed
 from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
-from rfca_rig.analysis.torque_rotation.doubts import rest_name
+from rfca_rig.analysis.torque_rotation.gauss_helmert import Adjusted, freed, weighed
 from rfca_rig.analysis.torque_rotation.recovery import Recovered
 from rfca_rig.analysis.torque_rotation.stages import StageData
+from rfca_rig.analysis.torque_rotation.systematics import rest_name
 
 Floats = NDArray[np.float64]
 
@@ -171,7 +171,7 @@ def from_rest_rad(found: Recovered, data: StageData) -> Floats:
 
 def rest_checks(found: Recovered, data: StageData, curve: TorqueCurve) -> tuple[RestCheck, ...]:
     """Each hinge supposed to rest elsewhere than the others, and all of them together; none where rest angles are unknowns already."""
-    if found.adjusted.balance.doubts.place(rest_name(0)) is not None:
+    if found.adjusted.balance.systematic_errors.place(rest_name(0)) is not None:
         return ()
     stiffness = curve.stiffness_Nm_per_rad(from_rest_rad(found, data).ravel())[0].reshape(-1, data.hinges)
     single = -stiffness[:, :, None] * np.eye(data.hinges)
@@ -182,7 +182,7 @@ def rest_checks(found: Recovered, data: StageData, curve: TorqueCurve) -> tuple[
 def rest_angles(found: Recovered, widened: float) -> RestAngles | None:
     """The rest angles with their covariance; None where they count as exact."""
     adjusted = found.adjusted
-    first, hinges = adjusted.balance.doubts.place(rest_name(0)), adjusted.balance.L.size - 1
+    first, hinges = adjusted.balance.systematic_errors.place(rest_name(0)), adjusted.balance.L.size - 1
     if first is None:
         return None
     curve, covariance = adjusted.balance.basis, adjusted.covariance
@@ -220,11 +220,11 @@ def loop_of(found: Recovered, data: StageData) -> Loop | None:
     return Loop(float(found.adjusted.point.p[place]), std, int((bending > 0).sum()), back)
 
 
-def found_doubts(adjusted: Adjusted) -> tuple[Found, ...]:
-    """All doubts as they came out."""
-    first, doubts = adjusted.balance.curve_size, adjusted.balance.doubts.each
+def found_systematic_errors(adjusted: Adjusted) -> tuple[Found, ...]:
+    """All systematic errors as they came out."""
+    first, systematic_errors = adjusted.balance.curve_size, adjusted.balance.systematic_errors.each
     values, std = adjusted.point.p[first:], np.sqrt(np.diag(adjusted.covariance))[first:]
     return tuple(
         Found(d.says, d.unit, *d.shown(float(v), float(s)), d.scale * d.std, float(v) / d.std)
-        for d, v, s in zip(doubts, values, std, strict=True)
+        for d, v, s in zip(systematic_errors, values, std, strict=True)
     )

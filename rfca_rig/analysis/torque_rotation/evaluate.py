@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.torque_rotation.bases import Basis, Hardening, Spline, ThroughRest, spline_over, through_rest
 from rfca_rig.analysis.torque_rotation.checks import (
     form_check,
-    found_doubts,
+    found_systematic_errors,
     from_rest_rad,
     hinge_checks,
     loop_of,
@@ -19,18 +19,18 @@ from rfca_rig.analysis.torque_rotation.checks import (
     strays,
 )
 from rfca_rig.analysis.torque_rotation.curve import TorqueCurve, law_values
-from rfca_rig.analysis.torque_rotation.doubts import Doubts, Instruments, doubts_of
 from rfca_rig.analysis.torque_rotation.noise import Errors
 from rfca_rig.analysis.torque_rotation.points import points_of
 from rfca_rig.analysis.torque_rotation.recovery import Recovered, recovered
 from rfca_rig.analysis.torque_rotation.stages import StageData, stage_data
 from rfca_rig.analysis.torque_rotation.static_result import Repeats, StaticResult
+from rfca_rig.analysis.torque_rotation.systematics import Instruments, SystematicErrors, list_systematic_errors
 from rfca_rig.description.believed import believed_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.torque_spline import FEWEST_ANGLES as FEWEST_KNOTS
 from rfca_rig.progress import Watcher, unwatched
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 
 Floats = NDArray[np.float64]
 
@@ -64,11 +64,11 @@ class _Case:
 
     data: StageData
     rig: RigModel
-    doubts: Doubts
+    systematic_errors: SystematicErrors
 
     def solved(self, basis: Basis, errors: Errors, loop: bool = False, learn: bool = True) -> Recovered:
         turned = self.data.turned[:, :, None] if loop else None
-        return recovered(self.data, self.rig, basis, self.doubts, errors, turned, learn)
+        return recovered(self.data, self.rig, basis, self.systematic_errors, errors, turned, learn)
 
     def splines(self) -> Spline:
         """A form that any curve has, whatever it bears at rest."""
@@ -128,7 +128,7 @@ def evaluate(recordings: Sequence[Recording], supposed: Supposition, watcher: Wa
         form=form,
         loop=loop,
         hinges=hinge_checks(found, case.data, law_curve if form.holds else free_curve),
-        doubts=found_doubts(found.adjusted),
+        systematic_errors=found_systematic_errors(found.adjusted),
         strays=strays(found, case.data),
         points=points_of(found, case.data),
         repeats=widened,
@@ -146,7 +146,7 @@ def _case(recordings: Sequence[Recording], supposed: Supposition) -> _Case:
             f"at least {FEWEST_STAGES} stages and {FEWEST_ANGLES} angles; take more stages"
         )
     _check_range(data)
-    return _Case(data, rig, doubts_of(data, supposed.known_to, supposed.instruments))
+    return _Case(data, rig, list_systematic_errors(data, supposed.known_to, supposed.instruments))
 
 
 def _check_range(data: StageData) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from rfca_rig.analysis.torque_rotation.adjustment import Adjusted, freed, refreed, weighed
+from rfca_rig.analysis.torque_rotation.gauss_helmert import Adjusted, freed, refreed, weighed
 from rfca_rig.analysis.torque_rotation.stages import NOT_SEEN_STD_RAD, SHAFT_STD_RAD, StageData
 
 Floats = NDArray[np.float64]

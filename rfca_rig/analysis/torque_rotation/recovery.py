@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.torque_rotation.adjustment import Adjusted, Point
+from rfca_rig.analysis.torque_rotation.active_contacts import Ends, pressing, restarted, settled, supposed
 from rfca_rig.analysis.torque_rotation.balance import Balance
 from rfca_rig.analysis.torque_rotation.bases import Basis
-from rfca_rig.analysis.torque_rotation.doubts import Doubts
+from rfca_rig.analysis.torque_rotation.gauss_helmert import Adjusted, Point
 from rfca_rig.analysis.torque_rotation.noise import Errors, learned
 from rfca_rig.analysis.torque_rotation.stages import StageData
-from rfca_rig.analysis.torque_rotation.touching import Ends, pressing, restarted, settled, supposed
+from rfca_rig.analysis.torque_rotation.systematics import SystematicErrors
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.model.parameters import RigModel
 
@@ -32,15 +32,21 @@ class Recovered:
 
 
 def recovered(
-    data: StageData, rig: RigModel, basis: Basis, doubts: Doubts, errors: Errors, extra: Floats | None = None, learn: bool = True
+    data: StageData,
+    rig: RigModel,
+    basis: Basis,
+    systematic_errors: SystematicErrors,
+    errors: Errors,
+    extra: Floats | None = None,
+    learn: bool = True,
 ) -> Recovered:
     """Coefficients by least squares with everything in error; with `learn`, errors as the stages themselves tell them, from `errors` on.
 
     `extra` (S, h, e) are further columns of hinge torque. Raises SimulationFailed.
     """
     nothing = np.zeros((len(data.measured), data.hinges, 0))
-    balance = Balance(rig, basis, doubts, nothing if extra is None else extra)
-    p = np.zeros(balance.curve_size + len(doubts.each))
+    balance = Balance(rig, basis, systematic_errors, nothing if extra is None else extra)
+    p = np.zeros(balance.curve_size + len(systematic_errors.each))
     p[: basis.size] = _believed_curve(rig, basis, data)
     ends = supposed(balance, data, p)
     point = restarted(balance, data, Point(data.measured.copy(), (), p), ends)

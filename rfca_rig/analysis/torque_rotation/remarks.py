@@ -117,7 +117,7 @@ def _strained(result: StaticResult) -> list[str]:
     return [
         f"The {found.says} would be {found.value:+.3g} {found.unit} from what was believed, which was said to be known to "
         f"{found.prior_std:.2g} {found.unit}. Measure it again."
-        for found in result.doubts
+        for found in result.systematic_errors
         if found.strained
     ]
 

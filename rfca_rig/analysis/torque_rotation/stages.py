@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.recording.form import Recording, StaticStage
+from rfca_rig.recording.model import Recording, StaticStage
 
 Floats = NDArray[np.float64]
 

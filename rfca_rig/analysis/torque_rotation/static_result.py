@@ -13,7 +13,7 @@ from rfca_rig.analysis.torque_rotation.stages import StageData
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.torque_spline import knots_from
-from rfca_rig.recording.form import StaticStage
+from rfca_rig.recording.model import StaticStage
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class StaticResult:
     form: FormCheck
     loop: Loop | None
     hinges: tuple[HingeCheck, ...]
-    doubts: tuple[Found, ...]
+    systematic_errors: tuple[Found, ...]
     strays: tuple[Stray, ...]
     points: Points
     repeats: Repeats

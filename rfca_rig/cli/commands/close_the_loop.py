@@ -19,7 +19,7 @@ from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.plan import Stage
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 
 Diagnosing = Callable[[Sequence[Recording]], Diagnosis]
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rfca_rig.diagnosis.result import Diagnosis
     from rfca_rig.mechanism.plant import Plant
     from rfca_rig.protocol.plan import Limits
-    from rfca_rig.recording.form import Recording
+    from rfca_rig.recording.model import Recording
 
 
 def diagnose(
@@ -66,7 +66,7 @@ def diagnose(
     from rfca_rig.cli.printing import Printing
     from rfca_rig.diagnosis.candidate_effects import check_known
     from rfca_rig.errors import BadInput
-    from rfca_rig.report.origin import typed
+    from rfca_rig.report.provenance import typed
 
     mechanism = experiment_among(paths)
     if mechanism is None:
@@ -212,7 +212,7 @@ def _write_imported(diagnosis: "Diagnosis", asked: Asked) -> "Diagnosis":
     from rfca_rig.diagnosis.result import Diagnosed
     from rfca_rig.recording.identity import identity_of_tables
     from rfca_rig.report.diagnosis_files import write_diagnosis
-    from rfca_rig.report.origin import imported
+    from rfca_rig.report.provenance import imported
 
     (folder,) = asked.paths
     recorded = Diagnosed(diagnosis.title, "IMPORT", identity_of_tables(diagnosis.title, folder))
@@ -228,7 +228,7 @@ def _diagnosed(recordings: "Sequence[Recording]", asked: Asked) -> "Diagnosis":
     from rfca_rig.diagnosis.experiment_design.next_protocol import write_next_protocol
     from rfca_rig.diagnosis.model_files import write_fitted_model, write_measured_model
     from rfca_rig.report.diagnosis_files import write_diagnosis
-    from rfca_rig.report.origin import origin_of
+    from rfca_rig.report.provenance import origin_of
 
     with progress(asked.quiet) as bars:
         diagnosis = diagnosed(recordings, bars.share, asked.limits, asked.without, asked.law_at)

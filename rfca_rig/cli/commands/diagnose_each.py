@@ -24,7 +24,7 @@ def diagnose_each(
     """A folder for each path under `out`; one that is there already stays. Raises RigError where some could not be diagnosed."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import RigError, Stopped
-    from rfca_rig.recording.whole import see_afresh, sweep_out
+    from rfca_rig.recording.atomic_dir import see_afresh, sweep_out
 
     folders = _folders(paths, out)
     out.mkdir(parents=True, exist_ok=True)
@@ -79,7 +79,7 @@ def diagnose_quietly(without: tuple[str, ...], job: tuple[Path, Path]) -> str | 
     """One diagnosis, what it prints unheard; the reason where the recordings cannot be used."""
     from rfca_rig.cli.commands.diagnose import diagnose
     from rfca_rig.errors import RigError
-    from rfca_rig.recording.whole import whole
+    from rfca_rig.recording.atomic_dir import whole
 
     recordings, folder = job
     try:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rfca_rig.cli.terminal import Say
     from rfca_rig.description.protocol_file import DynamicFile
     from rfca_rig.protocol.plan import Stage
-    from rfca_rig.recording.form import Stroke
+    from rfca_rig.recording.model import Stroke
 
 app = typer.Typer(help="The dynamic experiment: flap against the ground, record force and shaft over time.", no_args_is_help=True)
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rfca_rig.description.protocol_file import FatigueFile
     from rfca_rig.protocol.cycles import StiffnessCheck
     from rfca_rig.protocol.plan import Stage
-    from rfca_rig.recording.form import StaticStage
+    from rfca_rig.recording.model import StaticStage
 
 app = typer.Typer(help="Fatigue: bend the leg again and again, and look now and then how stiff it still is.", no_args_is_help=True)
 
@@ -74,7 +74,7 @@ def _as_asked(protocol: "FatigueFile", cycles: int | None) -> "FatigueFile":
 
 def say_bending(config: "RunConfig") -> None:
     """What the model says of a cycle, before anything moves."""
-    from rfca_rig.bench.expected_turns import expected_bending
+    from rfca_rig.bench.predicted_loads import expected_bending
     from rfca_rig.cli.terminal import marked
     from rfca_rig.protocol.cycles import cycles_in
 

@@ -13,7 +13,7 @@ from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json, Pdf
 
 if TYPE_CHECKING:
-    from rfca_rig.exam.marked import Examined
+    from rfca_rig.exam.scored import Examined
 
 
 def prove(
@@ -44,7 +44,7 @@ def prove(
     Example: rfca-rig prove --out exam --seed 1 --cases 40
     """
     from rfca_rig.cli.printing import Printing
-    from rfca_rig.exam.marked import examined, examined_so_far
+    from rfca_rig.exam.scored import examined, examined_so_far
     from rfca_rig.report.exam_files import write_exam
 
     printing = Printing(pdf)
@@ -65,9 +65,9 @@ def _work(
     from rfca_rig.cli.progress import progress
     from rfca_rig.clock import WallClock
     from rfca_rig.errors import Stopped
+    from rfca_rig.exam.ablation import take_out_each
     from rfca_rig.exam.examine import examine
     from rfca_rig.exam.follow_up import follow_up
-    from rfca_rig.exam.taken_out import take_out_each
 
     try:
         with progress(quiet=quiet) as bars, open_executor(workers, cluster, bars.told, out) as executor:
@@ -88,7 +88,7 @@ def _refuse_more(follows: bool, takes_out: bool) -> None:
 
 
 def _tell(result: "Examined", out: Path, as_json: bool) -> None:
-    from rfca_rig.exam.marking import wording
+    from rfca_rig.exam.scoring import wording
 
     if as_json:
         typer.echo((out / "exam.json").read_text(encoding="utf-8"), nl=False)
@@ -111,7 +111,7 @@ def diagnose_without(effect: str, campaign: Path, into: Path) -> None:
 def _numbers(cases: int | None, kind: str | None) -> dict[str, int]:
     from rfca_rig.errors import BadInput
     from rfca_rig.exam.cases import DEFAULT_NUMBERS, KINDS, shared_out
-    from rfca_rig.nearest import suggestion
+    from rfca_rig.suggestions import suggestion
 
     if kind is None:
         return dict(DEFAULT_NUMBERS) if cases is None else shared_out(cases)

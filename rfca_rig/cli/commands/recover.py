@@ -9,7 +9,7 @@ from rfca_rig.cli.options import Json
 
 if TYPE_CHECKING:
     from rfca_rig.progress import Watcher
-    from rfca_rig.recording.form import Recording
+    from rfca_rig.recording.model import Recording
 
 
 def recover(
@@ -27,7 +27,7 @@ def recover(
     from rfca_rig.campaign.opening import RECORDING_NAME
     from rfca_rig.cli.progress import progress
     from rfca_rig.recording.run_folder import is_run
-    from rfca_rig.recording.tally import tally_of
+    from rfca_rig.recording.summary import tally_of
 
     path = run if run.suffix == ".h5" else run / RECORDING_NAME
     with progress(as_json) as bars:
@@ -81,8 +81,8 @@ def _older(path: Path) -> "Recording":
 def _nothing_to_recover(path: Path) -> str:
     """Why, for a file or the folder that it should be in, with no run's files beside it."""
     from rfca_rig.errors import BadInput
-    from rfca_rig.nearest import not_there
-    from rfca_rig.recording.tally import tally_of
+    from rfca_rig.recording.summary import tally_of
+    from rfca_rig.suggestions import not_there
 
     if not path.is_file():
         return (

@@ -12,7 +12,7 @@ from rfca_rig.cli.options import Json, Model, Pdf
 from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
-    from rfca_rig.analysis.counterpart import Shaft as ShaftName
+    from rfca_rig.analysis.matched_simulation import Shaft as ShaftName
     from rfca_rig.analysis.table2 import Table2
     from rfca_rig.diagnosis.window_fit import WindowFit
     from rfca_rig.report.motions_page import MotionsReport
@@ -111,8 +111,8 @@ def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None,
 def _write_motions(report: "MotionsReport", fit: "WindowFit", folder: Path, out: Path, as_json: bool, model: Path | None) -> Path:
     """The page of recordings in windows; returns where it is."""
     from rfca_rig.report.motions_page import PAGE, write_motions
-    from rfca_rig.report.origin import imported, typed
-    from rfca_rig.report.wording import counted
+    from rfca_rig.report.provenance import imported, typed
+    from rfca_rig.report.text import counted
 
     write_motions(report, fit, out, imported(typed("report", folder, options={"--model": model}), folder, report.title))
     if as_json:
@@ -137,7 +137,7 @@ def write(
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.model_file import read_model_file
-    from rfca_rig.report.origin import origin_of, typed
+    from rfca_rig.report.provenance import origin_of, typed
     from rfca_rig.report.sources import GivenModel
     from rfca_rig.report.writing import write_report
 

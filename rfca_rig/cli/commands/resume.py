@@ -68,7 +68,7 @@ def _check_trip(begun: "Begun", after_trip: bool) -> None:
 def _order(begun: "Begun", rig: str | None, as_json: bool, dry_run: bool) -> "RunConfig":
     from dataclasses import replace
 
-    from rfca_rig.bench.same_rig import rig_to_go_on
+    from rfca_rig.bench.rig_compatibility import rig_to_go_on
     from rfca_rig.cli.commands.close_the_loop import belief
     from rfca_rig.cli.paths import find_file
     from rfca_rig.cli.run_config import RunConfig
@@ -117,7 +117,7 @@ def _close(config: "RunConfig", begun: "Begun", as_json: bool) -> None:
     from rfca_rig.cli.commands import fatigue
     from rfca_rig.cli.finalize_run import counted
     from rfca_rig.recording.layout import RECORDING
-    from rfca_rig.recording.tally import tally_of
+    from rfca_rig.recording.summary import tally_of
 
     if begun.plan.experiment == "fatigue":
         fatigue.close(config.mark, begun.folder, as_json)

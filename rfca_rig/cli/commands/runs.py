@@ -63,12 +63,12 @@ def runs(
     from rfca_rig.cli.progress import progress
     from rfca_rig.cli.run_table import table_lines
     from rfca_rig.errors import BadInput
-    from rfca_rig.logbook import wanted as asked
+    from rfca_rig.logbook import query as asked
     from rfca_rig.logbook.listing import list_runs
 
     if paths and as_json:
         raise BadInput("--paths and --json are two forms of the same answer; give one of them")
-    wanted = asked.Wanted(
+    wanted = asked.RunQuery(
         height_mm=asked.span_of(height, "--height") if height else None,
         speed_rad_s=asked.span_of(speed, "--speed") if speed else None,
         began_s=asked.since_until(since, until),

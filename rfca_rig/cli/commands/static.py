@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rfca_rig.bench.recorder import Recorder
     from rfca_rig.cli.terminal import Say
     from rfca_rig.protocol.plan import Stage
-    from rfca_rig.recording.form import StaticStage
+    from rfca_rig.recording.model import StaticStage
 
 app = typer.Typer(help="The static experiment: turn the shaft in stages, let the leg settle, measure.", no_args_is_help=True)
 

@@ -10,7 +10,7 @@ from rfca_rig.cli.options import Runs
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from rfca_rig.recording.form import StaticStage
+    from rfca_rig.recording.model import StaticStage
 
 
 def photos(

@@ -11,7 +11,7 @@ from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.torque_rotation.static_result import StaticResult
-    from rfca_rig.recording.form import Recording
+    from rfca_rig.recording.model import Recording
 
 HINGE_STD = typer.Option("--hinge-std-deg", min=1e-4, max=10, help="One standard deviation of a hinge angle, where the stages do not say.")
 MARKS = typer.Option("--marks-deg", min=0, max=5, help="How far a hinge's zero may be off because a mark sits beside its axis.")
@@ -37,12 +37,12 @@ def report(
     """
     import json
 
-    from rfca_rig.analysis.torque_rotation.doubts import Instruments
     from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
+    from rfca_rig.analysis.torque_rotation.systematics import Instruments
     from rfca_rig.campaign.opening import open_recordings
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
-    from rfca_rig.report.origin import origin_of, typed
+    from rfca_rig.report.provenance import origin_of, typed
     from rfca_rig.report.static_files import summary
     from rfca_rig.report.static_source import static_sources
     from rfca_rig.report.static_writing import write_static_report

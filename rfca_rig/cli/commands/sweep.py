@@ -134,7 +134,7 @@ def _carried_out(
 
 
 def _report(result: "SweepResult", folder: Path, command: list[str | Path], as_json: bool) -> None:
-    from rfca_rig.report.origin import typed
+    from rfca_rig.report.provenance import typed
     from rfca_rig.report.sweep_files import HTML, JSON, lines, write_summary
 
     write_summary(result, folder, typed(*command))

@@ -55,7 +55,7 @@ def serve(
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.model.compiled import is_warm
-    from rfca_rig.twin_server.agenda import switchings
+    from rfca_rig.twin_server.fault_schedule import switchings
     from rfca_rig.twin_server.listening import is_loopback
 
     say = marked("SIM", quiet)

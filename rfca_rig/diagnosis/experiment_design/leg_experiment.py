@@ -24,7 +24,7 @@ from rfca_rig.model.stroke import SimulatedStroke, stroke_following
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.experiments import RigFacts, static_plan
 from rfca_rig.protocol.plan import Limits, Rates
-from rfca_rig.recording.form import Column, StaticStage, Stream, Stroke
+from rfca_rig.recording.model import Column, StaticStage, Stream, Stroke
 
 if TYPE_CHECKING:
     from rfca_rig.diagnosis.diagnose import Findings, PreparedData

@@ -13,7 +13,7 @@ from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.static_stages import StageMoves, staged_motion
 from rfca_rig.model.stroke import stroke_following
-from rfca_rig.recording.form import StaticStage, collect_strokes_before
+from rfca_rig.recording.model import StaticStage, collect_strokes_before
 
 Floats = NDArray[np.float64]
 

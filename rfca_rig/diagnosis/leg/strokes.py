@@ -15,7 +15,7 @@ from rfca_rig.diagnosis.data.observations import Label, Observations
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
 from rfca_rig.model.stroke import SimulatedStroke, stroke_following
-from rfca_rig.recording.form import Stroke, collect_strokes_before
+from rfca_rig.recording.model import Stroke, collect_strokes_before
 
 Floats = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from rfca_rig.executors.cores import algebra_on_one_thread
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.effect import Effect
-from rfca_rig.nearest import suggestion
+from rfca_rig.suggestions import suggestion
 
 MECHANISM_FIT = "rfca-mechanism-fit/1"
 

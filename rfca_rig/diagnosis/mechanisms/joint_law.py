@@ -22,7 +22,7 @@ from rfca_rig.mechanism.joint_law import QUANTITIES, compute_own_law
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.effect import Effect, Values
-from rfca_rig.nearest import suggestion
+from rfca_rig.suggestions import suggestion
 
 Floats = NDArray[np.float64]
 

@@ -31,7 +31,7 @@ from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.prescribed import fit_trajectory
 from rfca_rig.mechanism.rollout import CommandTrace, Motion
 from rfca_rig.mechanism.usual_motion import UsualMotion, measure_usual_motion
-from rfca_rig.nearest import suggestion
+from rfca_rig.suggestions import suggestion
 
 Floats = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from rfca_rig.exam.experiment import READ_S, STEP_S, staged
 from rfca_rig.exam.sensor import felt
 from rfca_rig.exam.world import World
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.recording.form import Recording, StaticStage
+from rfca_rig.recording.model import Recording, StaticStage
 from tests.report.recordings import BELIEVED
 
 NOISE = {"fy_N": 0.10, "fz_N": 0.15, "tx_Nm": 0.006}

@@ -7,38 +7,38 @@ import pytest
 
 from rfca_rig.analysis.torque_rotation.balance import Balance, Group
 from rfca_rig.analysis.torque_rotation.bases import Hardening, ThroughRest, spline_over
-from rfca_rig.analysis.torque_rotation.doubts import Doubt, Doubts
+from rfca_rig.analysis.torque_rotation.systematics import SystematicError, SystematicErrors
 from rfca_rig.model.parameters import GRAVITY_M_S2, TorqueSpline
 from rfca_rig.model.torque_spline import table_of
 from tests.analysis.torque_rotation.tables import RIG
 
 S, HINGES = 4, 6
-ALL = Doubts(
+ALL = SystematicErrors(
     (
-        Doubt("shaft_zero", 1.0, "", column=6),
-        Doubt("mass", 1.0, ""),
-        Doubt("gain", 1.0, ""),
-        Doubt("friction_lever", 1.0, ""),
-        Doubt("contact", 1.0, ""),
-        Doubt("slope", 1.0, ""),
-        Doubt("height_0", 1.0, ""),
-        Doubt("height_1", 1.0, ""),
-        Doubt("tare", 1.0, "", column=8, recording=1),
-        Doubt("hinge_zero", 1.0, "", column=3),
-        Doubt("rest_4", 1.0, ""),
+        SystematicError("shaft_zero", 1.0, "", column=6),
+        SystematicError("mass", 1.0, ""),
+        SystematicError("gain", 1.0, ""),
+        SystematicError("friction_lever", 1.0, ""),
+        SystematicError("contact", 1.0, ""),
+        SystematicError("slope", 1.0, ""),
+        SystematicError("height_0", 1.0, ""),
+        SystematicError("height_1", 1.0, ""),
+        SystematicError("tare", 1.0, "", column=8, recording=1),
+        SystematicError("hinge_zero", 1.0, "", column=3),
+        SystematicError("rest_4", 1.0, ""),
     )
 )
 
 
-def somewhere(ends, seed=0, doubts=ALL, rise=0.0):
+def somewhere(ends, seed=0, systematic_errors=ALL, rise=0.0):
     rng = np.random.default_rng(seed)
     balance = Balance(
-        replace(RIG, ground=replace(RIG.ground, friction_rise_share=rise)), Hardening(), doubts, rng.normal(size=(S, HINGES, 1))
+        replace(RIG, ground=replace(RIG.ground, friction_rise_share=rise)), Hardening(), systematic_errors, rng.normal(size=(S, HINGES, 1))
     )
     group = Group(np.arange(S), ends, np.full(S, 0.2), np.arange(S) % 2, np.arange(S) % 2)
     z = np.concatenate([-0.3 * rng.random((S, HINGES)), 2.0 + rng.random((S, 1)), 10.0 * rng.normal(size=(S, 3))], axis=1)
     c = np.concatenate([1e-3 + 5e-3 * rng.random((S, len(ends))), 10.0 * rng.normal(size=(S, len(ends)))], axis=1)
-    p = np.concatenate([[11.0, 44.0, 0.1], 0.01 * rng.normal(size=len(doubts.each))])
+    p = np.concatenate([[11.0, 44.0, 0.1], 0.01 * rng.normal(size=len(systematic_errors.each))])
     return balance, group, z, c, p
 
 
@@ -55,7 +55,7 @@ def work_J(z, N, F, ends, rises_m):
 @pytest.mark.parametrize("rise", [0.0, 0.7])
 @pytest.mark.parametrize("ends", [(), (6,), (5, 6), (2, 5, 6)])
 def test_loads_are_what_virtual_work_says(ends, rise):
-    balance, group, z, c, p = somewhere(ends, doubts=Doubts(()), rise=rise)
+    balance, group, z, c, p = somewhere(ends, systematic_errors=SystematicErrors(()), rise=rise)
     line = balance.linear(group, z, c, p)
     torque = z[:, :6] * (11.0 + 44.0 * z[:, :6] ** 2) + 0.1 * balance.extra[:, :, 0]
     for row in range(S):
@@ -88,7 +88,7 @@ def test_derivatives_are_those_of_differences(ends, rise):
 
 
 def test_torques_count_from_rest_as_believed_and_as_doubted():
-    balance, group, z, c, p = somewhere((), doubts=Doubts((Doubt("rest_4", 1.0, ""),)))
+    balance, group, z, c, p = somewhere((), systematic_errors=SystematicErrors((SystematicError("rest_4", 1.0, ""),)))
     rest = np.array([0.02, -0.01, 0.03, 0.0, 0.0, 0.01])
     bent = replace(balance, rig=replace(balance.rig, leg=replace(balance.rig.leg, rest_angles_rad=tuple(rest))))
     p[-1] = 0.05
@@ -107,7 +107,7 @@ def test_splines_through_rest_are_the_models_own(basis):
 
 
 def test_an_end_in_the_air_does_not_press():
-    balance, group, z, c, p = somewhere((5, 6), doubts=Doubts(()))
+    balance, group, z, c, p = somewhere((5, 6), systematic_errors=SystematicErrors(()))
     c[:, 0] = -2e-3
     assert balance.linear(group, z, c, p).normal_N[:, 0].max() < 1e-4
 

@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.exam.believed import believed_world
-from rfca_rig.exam.concealed import with_effect
+from rfca_rig.exam.injected_faults import with_effect
 from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording
 
 SUPPOSED = Supposition(SECTIONS, KNOWN_TO)

@@ -6,10 +6,10 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.torque_rotation.doubts import MARKS_DEG, SLOPE, Instruments
 from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
 from rfca_rig.analysis.torque_rotation.noise import of_shared_marks
 from rfca_rig.analysis.torque_rotation.remarks import remarks
+from rfca_rig.analysis.torque_rotation.systematics import MARKS_DEG, SLOPE, Instruments
 from rfca_rig.exam.believed import believed_world, drawn_off, moved
 from rfca_rig.exam.world import everywhere
 from tests.analysis.torque_rotation.tables import KNOWN_TO, NOISE, RIG, SECTIONS, by_exam, by_mujoco, noisy, plain, recording

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.torque_rotation.doubts import Instruments
 from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
 from rfca_rig.analysis.torque_rotation.remarks import remarks
+from rfca_rig.analysis.torque_rotation.systematics import Instruments
 from rfca_rig.description.believed import believed_model
 from rfca_rig.exam.believed import believed_world
 from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording

@@ -5,7 +5,7 @@ from importlib import resources
 
 import pytest
 
-from rfca_rig.report import look
+from rfca_rig.report import style
 
 SHEETS = ("static.css", "diagnosis.css", "exam.css", "verdict.css")
 PAGES = ("table2.html", "run.html", "static.html", "diagnosis.html", "exam.html")
@@ -30,17 +30,17 @@ def contrast(one, other):
     ("one", "other"), [("MEASURED", "PAPER"), ("SIMULATED", "PAPER"), ("MEASURED", "SIMULATED"), ("OTHER", "PAPER"), ("FAINT", "PAPER")]
 )
 def test_lines_stand_out_three_to_one(one, other):
-    assert contrast(getattr(look, one), getattr(look, other)) >= 3.0
+    assert contrast(getattr(style, one), getattr(style, other)) >= 3.0
 
 
 def test_text_stands_out_four_and_a_half_to_one():
     base = text_of("base.css")
     for name in ("ink", "soft"):
-        assert contrast(re.search(rf"--{name}: (#\w+);", base)[1], look.PAPER) >= 4.5
-    assert contrast(look.BAD, look.PAPER) >= 4.5 and contrast(look.BAD, "#ffffff") >= 4.5
+        assert contrast(re.search(rf"--{name}: (#\w+);", base)[1], style.PAPER) >= 4.5
+    assert contrast(style.BAD, style.PAPER) >= 4.5 and contrast(style.BAD, "#ffffff") >= 4.5
     for sheet in SHEETS:
         for colour in re.findall(r"(?<!-)color: (#\w{6})", text_of(sheet)):
-            assert contrast(colour, look.PAPER) >= 4.5, (sheet, colour)
+            assert contrast(colour, style.PAPER) >= 4.5, (sheet, colour)
 
 
 def test_every_page_extends_the_base_and_no_sheet_styles_tables_anew():

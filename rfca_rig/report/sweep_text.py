@@ -1,7 +1,7 @@
 """Names and values of a sweep as a reader wants them."""
 
 from rfca_rig.report.named_units import words_and_unit
-from rfca_rig.report.wording import MINUS
+from rfca_rig.report.text import MINUS
 from rfca_rig.sweep.quantities import Value
 
 DIGITS = 4

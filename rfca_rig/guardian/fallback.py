@@ -5,7 +5,7 @@ import can
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.can_bus import CanBusSettings
 from rfca_rig.drivers.guard import LastWord
-from rfca_rig.guardian.letting_go import EVERY_S, LEAST_TIMES
+from rfca_rig.guardian.torque_off import EVERY_S, LEAST_TIMES
 
 
 def taken_over(settings: CanBusSettings, last_word: LastWord, clock: Clock) -> can.BusABC:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rfca_rig.recording.form import Stream
+from rfca_rig.recording.model import Stream
 from rfca_rig.view.decimation import Extrema, Floats, decimated
 from rfca_rig.view.messages import CHANNELS, hanging_deg
 from rfca_rig.view.scenes import Scene

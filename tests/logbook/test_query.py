@@ -6,7 +6,7 @@ import pytest
 
 from rfca_rig.errors import BadInput
 from rfca_rig.logbook.entry import Condition, Entry, Verdict
-from rfca_rig.logbook.wanted import Span, Wanted, ending_of, kind_of, since_until, source_of, span_of, verdict_of
+from rfca_rig.logbook.query import RunQuery, Span, ending_of, kind_of, since_until, source_of, span_of, verdict_of
 
 ENTRY = Entry(
     folder="2026/SIM-table-ii-001",
@@ -49,17 +49,17 @@ def test_what_is_no_number_is_told_what_one_is(text):
 @pytest.mark.parametrize(
     "wanted",
     [
-        Wanted(height_mm=span_of("215", "")),
-        Wanted(height_mm=span_of("235", ""), speed_rad_s=span_of("3.2..3.3", "")),
-        Wanted(kind="dynamic", source="SIM", ended="tripped"),
-        Wanted(ended="F-02"),
-        Wanted(verdict="named"),
-        Wanted(verdict="motor_speed_droop"),
-        Wanted(sample="leg", operator="kölle"),
-        Wanted(words=("TABLE", "2026/")),
-        Wanted(began_s=since_until("2026-11-22", "2026-11-22")),
-        Wanted(began_s=since_until("2026-11-22T14:30", "")),
-        Wanted(began_s=since_until("", "2026-11-22T14:30")),
+        RunQuery(height_mm=span_of("215", "")),
+        RunQuery(height_mm=span_of("235", ""), speed_rad_s=span_of("3.2..3.3", "")),
+        RunQuery(kind="dynamic", source="SIM", ended="tripped"),
+        RunQuery(ended="F-02"),
+        RunQuery(verdict="named"),
+        RunQuery(verdict="motor_speed_droop"),
+        RunQuery(sample="leg", operator="kölle"),
+        RunQuery(words=("TABLE", "2026/")),
+        RunQuery(began_s=since_until("2026-11-22", "2026-11-22")),
+        RunQuery(began_s=since_until("2026-11-22T14:30", "")),
+        RunQuery(began_s=since_until("", "2026-11-22T14:30")),
     ],
 )
 def test_what_fits(wanted):
@@ -69,20 +69,20 @@ def test_what_fits(wanted):
 @pytest.mark.parametrize(
     "wanted",
     [
-        Wanted(height_mm=span_of("225", "")),
-        Wanted(height_mm=span_of("215", ""), speed_rad_s=span_of("3.276", "")),
-        Wanted(speed_rad_s=Span(0.0, 1.0)),
-        Wanted(kind="static"),
-        Wanted(source="REAL"),
-        Wanted(ended="done"),
-        Wanted(ended="F-01"),
-        Wanted(verdict="none"),
-        Wanted(verdict="hinge_backlash"),
-        Wanted(sample="leg 8"),
-        Wanted(words=("table", "fatigue")),
-        Wanted(began_s=since_until("2026-11-23", "")),
-        Wanted(began_s=since_until("", "2026-11-21")),
-        Wanted(began_s=since_until("", "2026-11-22T14:29")),
+        RunQuery(height_mm=span_of("225", "")),
+        RunQuery(height_mm=span_of("215", ""), speed_rad_s=span_of("3.276", "")),
+        RunQuery(speed_rad_s=Span(0.0, 1.0)),
+        RunQuery(kind="static"),
+        RunQuery(source="REAL"),
+        RunQuery(ended="done"),
+        RunQuery(ended="F-01"),
+        RunQuery(verdict="none"),
+        RunQuery(verdict="hinge_backlash"),
+        RunQuery(sample="leg 8"),
+        RunQuery(words=("table", "fatigue")),
+        RunQuery(began_s=since_until("2026-11-23", "")),
+        RunQuery(began_s=since_until("", "2026-11-21")),
+        RunQuery(began_s=since_until("", "2026-11-22T14:29")),
     ],
 )
 def test_what_does_not(wanted):

@@ -1,4 +1,4 @@
-"""Marks a folder of diagnoses: python -m rfca_rig.exam.marking --cases DIR --diagnoses DIR."""
+"""Marks a folder of diagnoses: python -m rfca_rig.exam.scoring --cases DIR --diagnoses DIR."""
 
 import argparse
 import sys
@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.errors import RigError
+from rfca_rig.exam.answer import read_said
 from rfca_rig.exam.bars import Bar, bars
 from rfca_rig.exam.outcome import OUTCOMES
-from rfca_rig.exam.said import read_said
 from rfca_rig.exam.score import POWER_AT, Marks, score
 from rfca_rig.exam.sealing import open_all
 

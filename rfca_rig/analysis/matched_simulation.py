@@ -13,7 +13,7 @@ from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed, stroke_following
-from rfca_rig.recording.form import Stroke, collect_strokes_before
+from rfca_rig.recording.model import Stroke, collect_strokes_before
 
 Floats = NDArray[np.float64]
 Shaft = Literal["commanded", "average", "recorded"]

@@ -7,8 +7,8 @@ import can
 from rfca_rig.description.force_sensor_sections import NetFtSection
 from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, OdriveSection
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.twin_server.agenda import Agenda, Switching
 from rfca_rig.twin_server.cubemars_faults import CUBEMARS_FAULTS, cubemars_events
+from rfca_rig.twin_server.fault_schedule import Agenda, Switching
 from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, Fault, FaultPanel
 from rfca_rig.twin_server.moteus_faults import MOTEUS_FAULTS, MoteusDialect, moteus_events
 from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
@@ -68,7 +68,7 @@ def events_of(motor: MotorTwin) -> Mapping[str, Callable[[], None]]:
             return {}
 
 
-class Mishaps:
+class FaultInjection:
     """Faults of a twin in this process, switched by the rig's own clock. Without orders it leaves everything as it is."""
 
     def __init__(self, rig: RigFile, orders: Sequence[Switching]) -> None:

@@ -1,7 +1,7 @@
 import pytest
 
 from rfca_rig.report.quantities import quantities_of
-from rfca_rig.report.wording import counted, in_thousands, number, spread, unbroken
+from rfca_rig.report.text import counted, in_thousands, number, spread, unbroken
 from tests.model.legs import PAPER
 
 

@@ -19,7 +19,7 @@ MARKS_DEG = 0.1  # a mark put on 0.05 mm beside its hinge turns two links by so 
 
 
 @dataclass(frozen=True)
-class Doubt:
+class SystematicError:
     """One quantity, 0 as believed, with a prior standard deviation.
 
     `says`, `unit` and the `scale` to it are for a reader; one that `is_log` is the logarithm of a factor. One with a `column` shifts that
@@ -42,18 +42,18 @@ class Doubt:
 
 
 @dataclass(frozen=True)
-class Doubts:
+class SystematicErrors:
     """All of them, in the order of the unknowns."""
 
-    each: tuple[Doubt, ...]
+    each: tuple[SystematicError, ...]
 
     @property
     def std(self) -> Floats:
-        return np.array([doubt.std for doubt in self.each])
+        return np.array([systematic_error.std for systematic_error in self.each])
 
     def place(self, name: str) -> int | None:
         """Where it stands, None where it is not doubted."""
-        return next((i for i, doubt in enumerate(self.each) if doubt.name == name), None)
+        return next((i for i, systematic_error in enumerate(self.each) if systematic_error.name == name), None)
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ class Instruments:
     marks_deg: float = MARKS_DEG
 
 
-def doubts_of(data: StageData, known_to: Mapping[str, float | None], instruments: Instruments) -> Doubts:
-    """The doubts that `known_to` states, and those that nobody states but every rig has."""
+def list_systematic_errors(data: StageData, known_to: Mapping[str, float | None], instruments: Instruments) -> SystematicErrors:
+    """The systematic errors that `known_to` states, and those that nobody states but every rig has."""
     each = [
         *_common(data.hinges, known_to, instruments.gain_relative),
         *_heights(data, known_to),
@@ -73,29 +73,33 @@ def doubts_of(data: StageData, known_to: Mapping[str, float | None], instruments
         *(_mark(hinge, instruments.marks_deg) for hinge in range(data.hinges)),
         *(_rest(hinge, known_to.get("rest_angle_deg") or 0.0) for hinge in range(data.hinges)),
     ]
-    return Doubts(tuple(doubt for doubt in each if doubt.std > 0.0))
+    return SystematicErrors(tuple(systematic_error for systematic_error in each if systematic_error.std > 0.0))
 
 
-def _common(hinges: int, known_to: Mapping[str, float | None], gain_relative: float) -> list[Doubt]:
+def _common(hinges: int, known_to: Mapping[str, float | None], gain_relative: float) -> list[SystematicError]:
     return [
-        Doubt("shaft_zero", np.radians(known_to.get("start_angle_deg") or 0.0), "zero of the shaft's angle", "°", np.degrees(1.0), hinges),
-        Doubt("mass", known_to.get("mass_relative") or 0.0, "mass of the leg", "%", 100.0),
-        Doubt("gain", gain_relative, "gain of the force sensor", "%", 100.0),
-        Doubt("friction_lever", LEVER_M, "lever of the floor's friction", "mm", 1e3),
-        Doubt("contact", known_to.get("contact_stiffness_relative") or CONTACT_RELATIVE, "stiffness of the floor", "%", 100.0, is_log=True),
-        Doubt("slope", SLOPE, "slope of the floor", "mm/m", 1e3),
+        SystematicError(
+            "shaft_zero", np.radians(known_to.get("start_angle_deg") or 0.0), "zero of the shaft's angle", "°", np.degrees(1.0), hinges
+        ),
+        SystematicError("mass", known_to.get("mass_relative") or 0.0, "mass of the leg", "%", 100.0),
+        SystematicError("gain", gain_relative, "gain of the force sensor", "%", 100.0),
+        SystematicError("friction_lever", LEVER_M, "lever of the floor's friction", "mm", 1e3),
+        SystematicError(
+            "contact", known_to.get("contact_stiffness_relative") or CONTACT_RELATIVE, "stiffness of the floor", "%", 100.0, is_log=True
+        ),
+        SystematicError("slope", SLOPE, "slope of the floor", "mm/m", 1e3),
     ]
 
 
-def _heights(data: StageData, known_to: Mapping[str, float | None]) -> list[Doubt]:
+def _heights(data: StageData, known_to: Mapping[str, float | None]) -> list[SystematicError]:
     std_m = 1e-3 * (known_to.get("height_mm") or HEIGHT_MM)
-    return [Doubt(f"height_{i}", std_m, f"height of {1e3 * height:g} mm", "mm", 1e3) for i, height in enumerate(data.heights_m)]
+    return [SystematicError(f"height_{i}", std_m, f"height of {1e3 * height:g} mm", "mm", 1e3) for i, height in enumerate(data.heights_m)]
 
 
-def _tares(data: StageData) -> list[Doubt]:
+def _tares(data: StageData) -> list[SystematicError]:
     """A tare is known no better than one sample of the sensor."""
     return [
-        Doubt(f"tare_{name}_{i}", std, f"tare of {name.split('_')[0]}" + (f", recording {i + 1}" if several else ""), unit, 1.0,
+        SystematicError(f"tare_{name}_{i}", std, f"tare of {name.split('_')[0]}" + (f", recording {i + 1}" if several else ""), unit, 1.0,
               data.hinges + 1 + k, i)
         for several in (data.recording.max() > 0,)
         for i in np.unique(data.recording)
@@ -103,14 +107,14 @@ def _tares(data: StageData) -> list[Doubt]:
     ]  # fmt: skip
 
 
-def _mark(hinge: int, marks_deg: float) -> Doubt:
-    return Doubt(f"hinge_zero_{hinge + 2}", np.radians(marks_deg), f"zero of hinge {hinge + 2}", "°", np.degrees(1.0), hinge)
+def _mark(hinge: int, marks_deg: float) -> SystematicError:
+    return SystematicError(f"hinge_zero_{hinge + 2}", np.radians(marks_deg), f"zero of hinge {hinge + 2}", "°", np.degrees(1.0), hinge)
 
 
-def _rest(hinge: int, std_deg: float) -> Doubt:
-    return Doubt(rest_name(hinge), np.radians(std_deg), f"rest angle of hinge {hinge + 2}", "°", np.degrees(1.0))
+def _rest(hinge: int, std_deg: float) -> SystematicError:
+    return SystematicError(rest_name(hinge), np.radians(std_deg), f"rest angle of hinge {hinge + 2}", "°", np.degrees(1.0))
 
 
 def rest_name(hinge: int) -> str:
-    """The doubt of what a hinge's rest angle is off; hinges count from 0 here."""
+    """The systematic error of what a hinge's rest angle is off; hinges count from 0 here."""
     return f"rest_{hinge + 2}"

@@ -6,16 +6,16 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import BadInput
+from rfca_rig.exam.ablation import TakenOut, taken_out
+from rfca_rig.exam.answer import Said, read_said
 from rfca_rig.exam.claims import parameter_errors
 from rfca_rig.exam.examine import DIAGNOSES, SECONDS
 from rfca_rig.exam.follow_up import Way, ways
-from rfca_rig.exam.marking import DIAGNOSIS
 from rfca_rig.exam.outcome import Truth, outcome, truth_in
 from rfca_rig.exam.plan import Plan, read_plan
-from rfca_rig.exam.said import Said, read_said
 from rfca_rig.exam.score import Marks, gap_closed, score
+from rfca_rig.exam.scoring import DIAGNOSIS
 from rfca_rig.exam.sealing import open_all
-from rfca_rig.exam.taken_out import TakenOut, taken_out
 
 
 @dataclass(frozen=True)

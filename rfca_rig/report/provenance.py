@@ -8,7 +8,7 @@ from pathlib import Path, PurePath
 from rfca_rig import __version__
 from rfca_rig.bench.checkout import NOT_A_CHECKOUT, UNKNOWN, source_state
 from rfca_rig.campaign.fingerprint import fingerprint
-from rfca_rig.recording.form import Recording
+from rfca_rig.recording.model import Recording
 
 PROGRAM = "rfca-rig"
 

@@ -86,7 +86,7 @@ class Freed:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """The solution: `covariance` (P, P) of p. `chi2` is the data's and the doubts' together, `freedom` the conditions left over.
+    """The solution: `covariance` (P, P) of p. `chi2` is the data's and the systematic errors' together, `freedom` the conditions left over.
 
     `log_likelihood` is that of the noise, curve and unknowns integrated over (REML).
     """
@@ -112,7 +112,7 @@ class Adjusted:
 
 @dataclass(frozen=True)
 class Weighed:
-    """The rows of all groups and of the doubts: `matrix` (m, P), `right` (m,), further columns `extra` (m, e)."""
+    """The rows of all groups and of the systematic errors: `matrix` (m, P), `right` (m,), further columns `extra` (m, e)."""
 
     matrix: Floats
     right: Floats
@@ -173,9 +173,9 @@ def _freed(line: Linear, moved: Floats, C: Floats, extra: Floats | None) -> Free
 
 
 def weighed(balance: Balance, parts: Sequence[Freed], p: Floats) -> Weighed:
-    """All rows together, those of the doubts below."""
+    """All rows together, those of the systematic errors below."""
     rows = np.concatenate([part.rows for part in parts])
-    std = np.concatenate([np.full(balance.curve_size, FREE_STD), balance.doubts.std])
+    std = np.concatenate([np.full(balance.curve_size, FREE_STD), balance.systematic_errors.std])
     matrix = np.concatenate([rows[:, 1 : 1 + p.size], np.diag(1.0 / std)])
     prior = np.where(std < FREE_STD, p / std, 0.0)
     right = np.concatenate([rows[:, 0], prior])

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
+from rfca_rig.exam.answer import Said
 from rfca_rig.exam.claims import Judged, parameter_errors
 from rfca_rig.exam.outcome import EXTRA, PARTIAL, SILENT, WRONG, Truth, false_claims, outcome
-from rfca_rig.exam.said import Said
 from rfca_rig.exam.statements import SURE, statements
 
 LISTED = 20

@@ -8,7 +8,7 @@ from datetime import datetime, timedelta
 
 from rfca_rig.errors import BadInput
 from rfca_rig.logbook.entry import ENDINGS, KINDS, SOURCES, Condition, Entry
-from rfca_rig.nearest import suggestion
+from rfca_rig.suggestions import suggestion
 from rfca_rig.trip_codes import Trip
 
 VERDICTS = ("named", "mostly", "family", "nothing missing", "unexplained", "not enough data", "none")
@@ -26,7 +26,7 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RunQuery:
     """None and "" want nothing in particular. `words` must all occur in title or folder; height and speed hold for one condition."""
 
     height_mm: Span | None = None

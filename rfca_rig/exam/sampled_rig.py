@@ -6,12 +6,12 @@ import numpy as np
 
 from rfca_rig.exam.believed import believed_world, moved
 from rfca_rig.exam.cases import Case
-from rfca_rig.exam.concealed import with_effect
+from rfca_rig.exam.heterogeneity import made_uneven
+from rfca_rig.exam.injected_faults import with_effect
 from rfca_rig.exam.labels import really
 from rfca_rig.exam.laws import shape_laws
-from rfca_rig.exam.strangers import with_stranger
 from rfca_rig.exam.structured import distorted
-from rfca_rig.exam.uneven import made_uneven
+from rfca_rig.exam.unknown_faults import with_stranger
 from rfca_rig.exam.world import World
 
 HEIGHT_M, FRICTION, START_RAD = 1e-4, 5e-3, float(np.radians(0.15))

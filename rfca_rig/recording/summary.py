@@ -8,7 +8,7 @@ from pathlib import Path
 import h5py
 
 from rfca_rig.recording.columns import ROWS_PER_CHUNK, link
-from rfca_rig.recording.form import Source
+from rfca_rig.recording.model import Source
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.static_table import read_static
 from rfca_rig.recording.store import opened

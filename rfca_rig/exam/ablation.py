@@ -9,19 +9,19 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from rfca_rig.exam.answer import NOTHING, Said, read_said
 from rfca_rig.exam.cases import SINGLE
 from rfca_rig.exam.claims import CONFIDENT
 from rfca_rig.exam.examine import answer
-from rfca_rig.exam.marking import DIAGNOSIS
 from rfca_rig.exam.outcome import DETECTABLE, Truth, truth_in
-from rfca_rig.exam.said import NOTHING, Said, read_said
+from rfca_rig.exam.runner import worked_off
 from rfca_rig.exam.score import Share
+from rfca_rig.exam.scoring import DIAGNOSIS
 from rfca_rig.exam.sealing import open_all
-from rfca_rig.exam.working_off import worked_off
 from rfca_rig.exam.write import CAMPAIGNS
 from rfca_rig.executors.base import TaskExecutor
 from rfca_rig.progress import Told, silent
-from rfca_rig.recording.whole import see_afresh, sweep_out
+from rfca_rig.recording.atomic_dir import see_afresh, sweep_out
 
 FOLDER = "taken-out"
 

@@ -8,10 +8,10 @@ import pytest
 
 from rfca_rig.errors import RigError
 from rfca_rig.exam import cases
+from rfca_rig.exam.ablation import FOLDER, take_out_each, taken_out
 from rfca_rig.exam.examine import examine
 from rfca_rig.exam.outcome import DETECTABLE
 from rfca_rig.exam.sealing import open_all
-from rfca_rig.exam.taken_out import FOLDER, take_out_each, taken_out
 from rfca_rig.executors.base import InProcessExecutor
 
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.torque_rotation.adjustment import Adjusted, Point, Unbalanced, adjust
 from rfca_rig.analysis.torque_rotation.balance import Balance, Group
+from rfca_rig.analysis.torque_rotation.gauss_helmert import Adjusted, Point, Unbalanced, adjust
 from rfca_rig.analysis.torque_rotation.stages import StageData
 from rfca_rig.errors import SimulationFailed
 
@@ -50,7 +50,7 @@ def supposed(balance: Balance, data: StageData, p: Floats) -> tuple[Ends, ...]:
     depth = _depths(balance, data, data.measured, p)
     load_N = balance.weight_N - data.measured[:, data.hinges + 2]
     pressed = load_N > CLEARLY * np.hypot(data.force_std[:, 1], data.sample_noise[1])
-    heights = [doubt.std for doubt in balance.doubts.each if doubt.name.startswith("height_")]
+    heights = [systematic_error.std for systematic_error in balance.systematic_errors.each if systematic_error.name.startswith("height_")]
     near_m = NEAR_M + DOUBTED * max(heights, default=0.0)
     low = (depth > -near_m) | (pressed[:, None] & (depth == depth.max(axis=1, keepdims=True)))
     return tuple(tuple(np.flatnonzero(row).tolist()) for row in low)

@@ -8,7 +8,7 @@ from rfca_rig.bench.begun import RESUMED, Begun
 from rfca_rig.bench.stage_photos import photo_hashes, read_stage_photos
 from rfca_rig.clock import Clock
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.form import StaticStage
+from rfca_rig.recording.model import StaticStage
 from rfca_rig.recording.run_text import Ending, events_of
 from rfca_rig.vision.leg_photo import Eye
 

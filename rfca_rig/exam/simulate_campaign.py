@@ -12,7 +12,7 @@ from rfca_rig.exam.cases import Case
 from rfca_rig.exam.designs import Design
 from rfca_rig.exam.experiment import HOLD_S, READ_S, STAGES, Stage, static_table, stroke
 from rfca_rig.exam.labels import columns_as_written, speed_as_written
-from rfca_rig.exam.rig_of import drawn_scatter, world_of
+from rfca_rig.exam.sampled_rig import drawn_scatter, world_of
 from rfca_rig.exam.sensor import Noise
 
 Floats = NDArray[np.float64]

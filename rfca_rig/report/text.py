@@ -3,7 +3,7 @@
 import re
 
 from rfca_rig.analysis.compare import ComparedCondition
-from rfca_rig.analysis.counterpart import Shaft
+from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.report.overlay import Overlay
 
 NOTHING = "\u2013"  # en dash

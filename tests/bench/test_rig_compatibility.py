@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from rfca_rig.bench.same_rig import rig_to_go_on
+from rfca_rig.bench.rig_compatibility import rig_to_go_on
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput
 from tests.description.test_torque_rotation import CSV, TWIN

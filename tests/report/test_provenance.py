@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rfca_rig.campaign.fingerprint import fingerprint
 from rfca_rig.recording.store import write_recording
-from rfca_rig.report.origin import origin_of, typed, version_text
+from rfca_rig.report.provenance import origin_of, typed, version_text
 from rfca_rig.report.templates import by_stem
 from tests.report.recordings import recording, stages
 

@@ -8,16 +8,16 @@ import can
 import numpy as np
 
 from rfca_rig.bench.cameras import make_camera, make_twin_camera
+from rfca_rig.bench.fault_injection import FaultInjection
 from rfca_rig.bench.force_sensors import make_force_sensor, make_sensor_pair
 from rfca_rig.bench.leg_plant import LegPlant, Scatter
 from rfca_rig.bench.motors import make_motor, make_motor_twin, open_commanding_bus
 from rfca_rig.bench.racks import HandRack, TwinRack
-from rfca_rig.bench.twin_faults import Mishaps
 from rfca_rig.clock import TwinClock, WallClock
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.engine.bench import Bench
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twin_server.agenda import Switching
+from rfca_rig.twin_server.fault_schedule import Switching
 from rfca_rig.twins.can_wire import can_wire
 from rfca_rig.twins.motor import MotorTwin
 from rfca_rig.twins.sensor import SensorTwin
@@ -40,7 +40,7 @@ def open_bench(
         if rig.is_real:
             yield _real_bench(rig, eye, stack)
         elif rig.twin is not None and seed is not None:
-            yield _twin_bench(rig, rig.twin, seed, eye, twin_clock or TwinClock(), Mishaps(rig, faults), stack)
+            yield _twin_bench(rig, rig.twin, seed, eye, twin_clock or TwinClock(), FaultInjection(rig, faults), stack)
         else:
             raise BadInput(f"{rig.rig.title}: a twin needs a [twin] section and a seed")
 
@@ -58,12 +58,14 @@ def _real_bench(rig: RigFile, eye: Eye | None, stack: ExitStack) -> Bench:
     return Bench(make_motor(rig, bus, clock), make_force_sensor(rig, clock, stack), HandRack(), clock, True, camera)
 
 
-def _twin_bench(rig: RigFile, twin: TwinSection, seed: int, eye: Eye | None, clock: TwinClock, mishaps: Mishaps, stack: ExitStack) -> Bench:
+def _twin_bench(
+    rig: RigFile, twin: TwinSection, seed: int, eye: Eye | None, clock: TwinClock, faults: FaultInjection, stack: ExitStack
+) -> Bench:
     drivers_end, twins_end = stack.enter_context(can_wire())
     noise, chance = _randomness(seed)
-    pair = make_sensor_pair(rig, twin, noise, mishaps.on_link)
-    twins = _put_together(rig, twin, chance, mishaps.on_bus(twins_end), pair.twin)
-    clock.carry(mishaps.befalling(twins.world.process, twins.motor))
+    pair = make_sensor_pair(rig, twin, noise, faults.on_link)
+    twins = _put_together(rig, twin, chance, faults.on_bus(twins_end), pair.twin)
+    clock.carry(faults.befalling(twins.world.process, twins.motor))
     camera = make_twin_camera(eye, twins.plant, twin.camera, np.random.default_rng([seed, 2]), clock) if eye else None
     return Bench(make_motor(rig, drivers_end, clock), pair.driver(clock), TwinRack(twins.plant), clock, False, camera)
 
