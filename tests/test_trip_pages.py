@@ -51,7 +51,7 @@ def said_of_full_speed(tmp_path):
 
 
 def said_of_a_slow_disk(tmp_path):
-    create(tmp_path / "run", Recording("a run", "SIM", twin_rig().believed(), {}, (), ()))
+    create(tmp_path / "run", Recording("a run", "SIM", twin_rig().nominal(), {}, (), ()))
     keeper = ProcessKeeper(tmp_path / "run", patient=False, queue_bytes=4096)
     try:
         for _ in range(10_000):

@@ -1,6 +1,6 @@
 """The model against MuJoCo, as the paper holds its own against RecurDyn: contact force curves under the paper's conditions.
 
-Twice: MuJoCo's mechanics under the believed ground, which must agree to the accuracy of the integrators; and MuJoCo with its own
+Twice: MuJoCo's mechanics under the nominal ground, which must agree to the accuracy of the integrators; and MuJoCo with its own
 contact, a linear spring where the model has Hertz. Springs and Hertz are not one physics, so there the ground is made so stiff on
 both sides that the loading no longer depends on its law; touchdown and release always do.
 """
@@ -89,7 +89,7 @@ def difference_pct(ours: Floats, theirs: Floats) -> float:
 
 
 def check_condition(rig: RigModel, condition: Condition, sweep_deg: float) -> CheckedCondition:
-    """The model at its usual tolerance against MuJoCo under the believed ground, sampled at 1 kHz."""
+    """The model at its usual tolerance against MuJoCo under the nominal ground, sampled at 1 kHz."""
     t_s = _times(rig, condition, sweep_deg)
     ours = stroke_at_speed(rig, condition.height_m, condition.speed_rad_s, t_s)
     _must_touch(ours, condition)

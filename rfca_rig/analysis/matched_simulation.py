@@ -37,7 +37,7 @@ def counterparts(rig: RigModel, condition: Condition, shaft: Shaft) -> tuple[Cou
     """One stroke for all repeats; with `shaft` "recorded" one for each repeat, in their order.
 
     "commanded" turns the shaft at the condition's speed, "average" at the mean over the repeats of their average speeds, as the paper
-    does, both from the believed start angle; "recorded" follows each repeat's own shaft angle. Raises SimulationFailed.
+    does, both from the nominal start angle; "recorded" follows each repeat's own shaft angle. Raises SimulationFailed.
     """
     if shaft == "recorded":
         return tuple(_following(rig, condition, stroke) for stroke in condition.strokes)
@@ -60,7 +60,7 @@ def _following(rig: RigModel, condition: Condition, stroke: Stroke) -> Counterpa
 
 
 def _recorded_motion(rig: RigModel, stroke: Stroke) -> ShaftMotion:
-    """The shaft's angle where it was recorded; else its speed, summed up from the believed start angle; else the command."""
+    """The shaft's angle where it was recorded; else its speed, summed up from the nominal start angle; else the command."""
     angle, speed = stroke.channel("shaft_angle_rad"), stroke.channel("shaft_speed_rad_s")
     if angle is not None:
         return follow(*angle)

@@ -1,4 +1,4 @@
-"""One stroke of the leg in MuJoCo, with the believed ground or with MuJoCo's own contact."""
+"""One stroke of the leg in MuJoCo, with the nominal ground or with MuJoCo's own contact."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -40,7 +40,7 @@ class MujocoStroke:
 def stroke_in_mujoco(
     rig: RigModel, height_m: float, speed_rad_s: float, t_s: Floats, step_s: float = STEP_S, integrator: str = "RK4"
 ) -> MujocoStroke:
-    """MuJoCo's mechanics under the believed ground, which is computed apart from the model's code and applied as outer forces.
+    """MuJoCo's mechanics under the nominal ground, which is computed apart from the model's code and applied as outer forces.
 
     `t_s` (m,) ascending; times up to 0 show the leg at rest, which must hang clear of the ground. Raises SimulationFailed, BadInput.
     """
@@ -62,7 +62,7 @@ def stroke_on_springs(
 ) -> MujocoStroke:
     """The same with MuJoCo's own contact as undamped linear spring under each end, and its own friction.
 
-    Of the believed ground only the friction coefficient counts. Raises SimulationFailed, BadInput.
+    Of the nominal ground only the friction coefficient counts. Raises SimulationFailed, BadInput.
     """
     leg = leg_on_springs(rig, height_m, stiffness_N_per_m)
     hang(leg, rig.leg.start_angle_rad)

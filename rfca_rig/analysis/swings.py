@@ -31,7 +31,7 @@ TORQUE_ERROR = 0.01  # usual error of joint torques where [known_to] has no torq
 
 @dataclass(frozen=True)
 class Nuisance:
-    """A believed value that may be a little off: `std` is its standard deviation, its believed value counts as 0."""
+    """A nominal value that may be a little off: `std` is its standard deviation, its nominal value counts as 0."""
 
     name: str
     std: float
@@ -43,7 +43,7 @@ class SwingWindow:
 
     Times `t_s` (k,) count from the start; `bins` (b,) is where each bin of samples begins; `measured` (2, n, b) or (1, n, b) are means
     of bins of angle [rad] and speed [rad/s], `sensor_std` of the same shape. `start_effect` (2 n, ...) is what an error of one standard
-    deviation in each angle and speed of the start makes of them, as the believed pendulum has it.
+    deviation in each angle and speed of the start makes of them, as the nominal pendulum has it.
     """
 
     run: int
@@ -122,7 +122,7 @@ class SwingProblem:
         return np.concatenate([np.tile(w.start_s + w.middles_s, w.measured[:, :, 0].size) for w in self.windows])
 
     def predicted(self, nuisances: Mapping[str, float], effects: Sequence[PresentEffect] = ()) -> Floats:
-        """What the model says of all rows, with believed values off by `nuisances` and the effects in it.
+        """What the model says of all rows, with nominal values off by `nuisances` and the effects in it.
 
         A nuisance that is not named is 0. Raises BadInput for a name that is none, or values that no pendulum has, and
         SimulationFailed where the model has no answer.
@@ -158,7 +158,7 @@ def swings_of(campaign: PendulumCampaign, window_s: float = 0.5, bin_s: float = 
 
 
 def shifted(pendulum: Pendulum, nuisances: Mapping[str, float]) -> Pendulum:
-    """The pendulum with believed values off by so much; keys are `link1.mass_relative` and so on, as in [known_to].
+    """The pendulum with nominal values off by so much; keys are `link1.mass_relative` and so on, as in [known_to].
 
     Damping, friction and rotor end at 0. Raises BadInput for another key, and for values that no pendulum has.
     """
@@ -291,7 +291,7 @@ def estimate_start(t_s: Floats, position: Floats, start_s: float, noise: Floats)
 
 
 def _start_effect(window: SwingWindow, ready: DrivenPendulum, angle_std: Floats, speed_std: Floats) -> Floats:
-    """What an uncertain start makes of angles and speeds later on, as the believed pendulum has it."""
+    """What an uncertain start makes of angles and speeds later on, as the nominal pendulum has it."""
     found = []
     for joint in range(len(angle_std)):
         angle, speed = (std * np.eye(len(std))[joint] for std in (angle_std, speed_std))

@@ -1,4 +1,4 @@
-"""What the believed model expects of a plan, for its check and its printout."""
+"""What the nominal model expects of a plan, for its check and its printout."""
 
 from itertools import pairwise
 

@@ -22,7 +22,7 @@ def eye_for(recording: Recording, camera_path: Path, mark_diameter_mm: float | N
 
     Raises BadInput where the camera file cannot be used, or the recording does not say how long the links are.
     """
-    leg = recording.believed.get("leg")
+    leg = recording.nominal.get("leg")
     if not leg:
         raise BadInput(f"{recording.title}: the recording does not say how long the leg's links are; no photo can be read without")
     lengths_m = tuple(length_mm / 1e3 for length_mm in leg["link_lengths_mm"])

@@ -1,4 +1,4 @@
-"""What the believed model expects of whole turns: the load of cycles and of the way home after a stop, and how far the leg bends."""
+"""What the nominal model expects of whole turns: the load of cycles and of the way home after a stop, and how far the leg bends."""
 
 import math
 from collections.abc import Iterator

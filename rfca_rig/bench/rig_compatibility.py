@@ -61,7 +61,7 @@ def _other_curve(begun: Begun, before: RigFile, now: RigFile) -> dict[str, str]:
     section = before.leg.torque_rotation
     if section is None or section.curve is None or "model_file" in begun.header.provenance:
         return {}
-    was, stands = (model["leg"].get("torque_rotation") for model in (begun.header.believed, now.believed()))
+    was, stands = (model["leg"].get("torque_rotation") for model in (begun.header.nominal, now.nominal()))
     return {} if was == stands else {"leg.torque_rotation.curve": section.curve}
 
 

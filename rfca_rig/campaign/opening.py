@@ -7,7 +7,7 @@ from rfca_rig.campaign.experiment_layout import FILE_NAME as EXPERIMENT
 from rfca_rig.campaign.layout import FILE_NAME
 from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.description.believed import believed_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.model import Recording
@@ -55,14 +55,14 @@ def open_with_belief(paths: Sequence[Path]) -> list[Recording]:
     """
     recordings = open_recordings(paths)
     for path, recording in zip(paths, recordings, strict=True):
-        if recording.believed or recording.strokes:
+        if recording.nominal or recording.strokes:
             _check_belief(path, recording)
     return recordings
 
 
 def _check_belief(path: Path, recording: Recording) -> None:
     try:
-        believed_model(recording.believed)
+        nominal_model(recording.nominal)
     except BadInput as error:
         raise BadInput(f"{path}: {error}") from None
 

@@ -65,7 +65,7 @@ class PendulumRun:
 
 @dataclass(frozen=True)
 class PendulumCampaign:
-    """The believed pendulum, one standard deviation per key of [known_to] and of [noise_std], and the runs."""
+    """The nominal pendulum, one standard deviation per key of [known_to] and of [noise_std], and the runs."""
 
     title: str
     pendulum: Pendulum

@@ -33,7 +33,7 @@ def read_campaign(folder: Path, told: Watcher = unwatched) -> Recording:
     return Recording(
         title=campaign.title,
         source="IMPORT",
-        believed=_believed(campaign),
+        nominal=_nominal(campaign),
         known_to=campaign.known_to.model_dump(mode="json", exclude_unset=True),
         strokes=_strokes(folder, campaign, told),
         static=static,
@@ -51,7 +51,7 @@ def _stages(folder: Path, campaign: CampaignFile) -> tuple[tuple[StaticStage, ..
     return stages, {file: extra for file, (_, extra) in tables.items() if extra}
 
 
-def _believed(campaign: CampaignFile) -> dict[str, Any]:
+def _nominal(campaign: CampaignFile) -> dict[str, Any]:
     plain = campaign.model_dump(mode="json", exclude_unset=True)
     return {name: plain[name] for name in RigSections.model_fields if name in plain}
 

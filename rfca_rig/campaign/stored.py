@@ -46,7 +46,7 @@ class Stored:
     folder: Path
     title: str
     source: Source
-    believed: Mapping[str, Any]
+    nominal: Mapping[str, Any]
     provenance: Mapping[str, str]
     static: tuple[StaticStage, ...]
     strokes: tuple[StoredStage, ...]
@@ -97,7 +97,7 @@ def _in_stage_files(folder: Path) -> Stored:
 def _stored(
     folder: Path, known: Recording, static: tuple[StaticStage, ...], strokes: tuple[StoredStage, ...], raw: tuple[StoredStage, ...]
 ) -> Stored:
-    return Stored(folder, known.title, known.source, known.believed, known.provenance, static, strokes, raw)
+    return Stored(folder, known.title, known.source, known.nominal, known.provenance, static, strokes, raw)
 
 
 def _strokes_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:

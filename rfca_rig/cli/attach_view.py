@@ -40,7 +40,7 @@ class ViewSession:
         self._say: Say | None = None
         self._view: LiveView | None = None
         if config.viewing is not None:
-            facts = run_facts(config.plan, config.mark, bench.sensor.scale(), config.believes.believed())
+            facts = run_facts(config.plan, config.mark, bench.sensor.scale(), config.believes.nominal())
             self._view = LiveView(facts, config.plan, stop_request, self._vitals, self._tell, config.viewing.port)
             typer.echo(f"{config.mark} watch the run, and stop it, at {self._view.url}", err=True)
 

@@ -128,7 +128,7 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
     return Recording(
         title=config.plan.title,
         source="REAL" if config.rig.is_real else "SIM",
-        believed=config.believes.believed(),
+        nominal=config.believes.nominal(),
         known_to=known_to,
         strokes=(),
         static=(),

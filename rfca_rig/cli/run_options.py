@@ -19,7 +19,7 @@ from rfca_rig.vision.leg_photo import Eye
 
 @dataclass(frozen=True)
 class Asked:
-    """The options as typed: names or paths of rig and protocol, a model in place of the believed one, where runs go, who and what."""
+    """The options as typed: names or paths of rig and protocol, a model in place of the nominal one, where runs go, who and what."""
 
     rig: str
     protocol: str

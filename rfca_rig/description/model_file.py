@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rfca_rig.description.believed import model_of
+from rfca_rig.description.nominal_model import model_of
 from rfca_rig.description.sections import KnownToSection, RigSections
 from rfca_rig.description.toml import read_toml
 from rfca_rig.description.toml_writing import comment, table, written
@@ -25,7 +25,7 @@ class ModelFile(RigSections):
         """The model that it describes."""
         return model_of(self)
 
-    def believed(self) -> dict[str, Any]:
+    def nominal(self) -> dict[str, Any]:
         """The sections as every recording keeps them, as plain data."""
         left_out = {"known_to", *(() if self.effects else ("effects",))}
         return self.model_dump(exclude=left_out, exclude_none=True, mode="json")
@@ -54,17 +54,17 @@ def write_model(
     `sections` holds leg, ground, sensor and drive as plain data in the file's units, and effects where some were believed already;
     `found` come behind those. Raises RigError where the disk refuses.
     """
-    believed = [_believed(effect) for effect in sections.get("effects", ())]
+    nominal = [_nominal(effect) for effect in sections.get("effects", ())]
     curve = sections["leg"].get("torque_rotation")
     leg = {key: value for key, value in sections["leg"].items() if key != "torque_rotation"}
     curves = {} if curve is None else {"leg.torque_rotation": curve}
     named = {"leg": leg, **curves, **{name: sections[name] for name in SECTIONS if name != "leg"}, "known_to": known_to}
     tables = [table(name, keys) for name, keys in named.items()]
-    parts = ["".join(comment(line) for line in comments), *tables, *(_effect(effect) for effect in (*believed, *found))]
+    parts = ["".join(comment(line) for line in comments), *tables, *(_effect(effect) for effect in (*nominal, *found))]
     write_atomically(path, "\n".join(parts).encode("utf-8"))
 
 
-def _believed(effect: Mapping[str, Any]) -> FoundEffect:
+def _nominal(effect: Mapping[str, Any]) -> FoundEffect:
     if "knots" not in effect:
         return FoundEffect(effect["id"], effect["parameters"])
     table = LawTable(effect["place"], effect["argument"], tuple(effect["knots"]), tuple(effect["values"]))

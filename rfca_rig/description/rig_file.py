@@ -6,11 +6,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from rfca_rig.description.believed import believed_model
 from rfca_rig.description.camera_file import CameraFile
 from rfca_rig.description.camera_sections import CameraSection, PhotoFolderSection, TwinCameraSection
 from rfca_rig.description.force_sensor_sections import AtiDaqSection, ForceSensor, OwnForceSensorSection
 from rfca_rig.description.motor_sections import Motor, OwnMotorSection
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.description.own_devices import own_force_sensor, own_motor
 from rfca_rig.description.sections import (
     DriveSection,
@@ -128,14 +128,14 @@ class RigFile(Section):
     def is_real(self) -> bool:
         return self.rig.kind == "real"
 
-    def believed(self) -> dict[str, Any]:
+    def nominal(self) -> dict[str, Any]:
         """The sections that go into every recording, as plain data."""
         sections = {"leg", "ground", "sensor", "drive", *({"effects"} if self.effects else ())}
         return self.model_dump(include=sections, exclude_none=True, mode="json")
 
     def model(self) -> RigModel:
         """The model as believed."""
-        return believed_model(self.believed())
+        return nominal_model(self.nominal())
 
     def facts(self) -> RigFacts:
         """What a plan needs to know."""

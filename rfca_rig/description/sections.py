@@ -1,6 +1,6 @@
 """The sections that describe a rig, as people write them in campaign.toml, rig files and model files.
 
-Every key carries its unit; numbers must be finite; an unknown key is refused. Units are turned into SI in `believed`.
+Every key carries its unit; numbers must be finite; an unknown key is refused. Units are turned into SI in `nominal`.
 """
 
 import math
@@ -209,9 +209,9 @@ class DriveSection(Section):
 
 
 class KnownToSection(Section):
-    """[known_to]: one standard deviation of each believed value. A fit may move these; what is not listed counts as exact.
+    """[known_to]: one standard deviation of each nominal value. A fit may move these; what is not listed counts as exact.
 
-    `_relative` is a share of the believed value, 0.03 for 3 %; `k0_relative` is that of a factor on the curve where the leg has one. What
+    `_relative` is a share of the nominal value, 0.03 for 3 %; `k0_relative` is that of a factor on the curve where the leg has one. What
     hardly anybody measures, from `presliding_relative` on, is moved by a diagnosis in any case, with a usual standard deviation where none
     is listed here; 0 makes it exact.
     """

@@ -10,7 +10,7 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.fitting.space import Space
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.repeats import Condition, conditions_of
-from rfca_rig.description.believed import believed_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
 from rfca_rig.diagnosis.decision.decide import Decision, decide
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
@@ -136,10 +136,10 @@ def prepare_data(recordings: Sequence[Recording]) -> tuple[PreparedData, tuple[S
     """
     first = recordings[0]
     for other in recordings[1:]:
-        if other.believed != first.believed or other.known_to != first.known_to:
+        if other.nominal != first.nominal or other.known_to != first.known_to:
             raise BadInput(f"{other.title!r} believes other values of the rig than {first.title!r}; diagnose them one by one")
-    rig = believed_model(first.believed)
-    noise_std = first.believed["sensor"].get("noise_std") or {}
+    rig = nominal_model(first.nominal)
+    noise_std = first.nominal["sensor"].get("noise_std") or {}
     conditions = conditions_of(stroke for recording in recordings for stroke in recording.strokes)
     probed = [flap_condition(condition, noise_std, turn_of(condition, False)) for condition in conditions]
     remarks = tuple(f"left out: {flap.reason}" for flap in probed if isinstance(flap, Refused))
@@ -186,11 +186,11 @@ def _first_s(stroke: Stroke) -> float:
 
 def _candidates(body: PreparedData) -> list[Effect]:
     """What may be missing from the leg and its surroundings; a drive whose shaft was recorded is judged by that."""
-    believed = {present.id for present in body.rig.effects}
+    nominal = {present.id for present in body.rig.effects}
     judged_apart = SEEN_ON_THE_SHAFT if body.shafts else ()
     known = [effect for effect in catalogue().values() if effect.where != OF_PENDULUMS]
     has_curve = bool(body.rig.leg.torque_splines)
-    left = [e for e in known if e.id not in believed and e.id not in judged_apart and not (e.needs_k2 and has_curve)]
+    left = [e for e in known if e.id not in nominal and e.id not in judged_apart and not (e.needs_k2 and has_curve)]
     return [e for e in left if body.strokes_made is not None or not e.needs_order]
 
 

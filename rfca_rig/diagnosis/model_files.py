@@ -40,7 +40,7 @@ def write_fitted_model(path: Path, diagnosis: Diagnosis, recording: Recording) -
         path.unlink(missing_ok=True)
         return False
     rig = diagnosis.found_rig
-    sections = fitted_sections(recording.believed, replace(rig, effects=rig.effects[: len(rig.effects) - len(diagnosis.found_effects)]))
+    sections = fitted_sections(recording.nominal, replace(rig, effects=rig.effects[: len(rig.effects) - len(diagnosis.found_effects)]))
     if rig.drive.holds_start:
         sections["drive"] = {**sections["drive"], "holds_start": True}
     found, height = [_found(effect) for effect in diagnosis.effects], diagnosis.believed_values.get("height")
@@ -76,7 +76,7 @@ def write_measured_model(path: Path, law: MeasuredLaw, recording: Recording) -> 
         f"It takes away {100.0 * law.explained:.0f} % of the misfit on held-out conditions",
     ]
     known_to = _refine_known_to(nuisance_values(law.hypothesis), recording)
-    sections = fitted_sections(recording.believed, base, supposed.height_offset_m)
+    sections = fitted_sections(recording.nominal, base, supposed.height_offset_m)
     write_model(path, sections, known_to, comments, [FoundEffect(TABULATED_LAW, {}, std, law.present.table)])
 
 

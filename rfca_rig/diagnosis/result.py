@@ -19,7 +19,7 @@ Grade = Literal["identified", "mostly", "family", "nothing missing", "unexplaine
 class Located:
     """One place where model and recordings part: a signal in a phase, over the conditions where it shows.
 
-    `size` is the rms difference there in `unit`; `sigmas` the same against noise, scatter, model error and what the believed values'
+    `size` is the rms difference there in `unit`; `sigmas` the same against noise, scatter, model error and what the nominal values'
     uncertainty can do; `p_value` is that of chance, corrected for the number of places looked at.
     """
 
@@ -139,7 +139,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class BeforeAfter:
-    """A figure under the believed model, under the accepted one, and where it cannot fall below."""
+    """A figure under the nominal model, under the accepted one, and where it cannot fall below."""
 
     before: float
     after: float

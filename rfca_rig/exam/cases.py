@@ -6,11 +6,11 @@ from itertools import combinations
 
 import numpy as np
 
-from rfca_rig.exam.believed import OffBy, drawn_off
 from rfca_rig.exam.designs import ONE_STROKE, PAPER_CONDITIONS, THREE_BY_THREE, Design
 from rfca_rig.exam.heterogeneity import Uneven, drawn_approximate, drawn_uneven
 from rfca_rig.exam.labels import MISLABELLED
 from rfca_rig.exam.laws import Law, drawn_law
+from rfca_rig.exam.nominal_world import OffBy, drawn_off
 from rfca_rig.exam.pendulum_cases import PENDULUM_KINDS, PendulumCase, drawn_pendulum
 from rfca_rig.exam.sizes import SPANS, stranger_values, values_of
 from rfca_rig.exam.structured import Structured, drawn_structured
@@ -107,9 +107,9 @@ def _drawn(kind: str, i: int, random: np.random.Generator) -> Case | PendulumCas
     if kind in PENDULUM_KINDS:
         return drawn_pendulum(kind, i, random)
     design = PAPER_CONDITIONS if random.random() < 0.2 else THREE_BY_THREE
-    as_believed = kind == NOTHING and i % 2 == 0
-    late_s = 0.0 if as_believed else float(random.spawn(1)[0].uniform(0.0, LATEST_S))
-    off = OffBy() if as_believed else drawn_off(random)
+    at_prior_means = kind == NOTHING and i % 2 == 0
+    late_s = 0.0 if at_prior_means else float(random.spawn(1)[0].uniform(0.0, LATEST_S))
+    off = OffBy() if at_prior_means else drawn_off(random)
     case = Case(id="", kind=kind, seed=int(random.integers(2**31)), design=design, off=off, late_s=late_s)
     if kind not in (NOTHING, POOR_DATA) and (kind == MODEL_ERROR or random.random() < 0.5):
         share = float(random.uniform(0.005, 0.02)) if kind == MODEL_ERROR else 0.005

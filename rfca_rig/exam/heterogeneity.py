@@ -59,9 +59,9 @@ def drawn_approximate(i: int, random: np.random.Generator) -> Uneven:
     return Uneven(effect, per_condition=0.5 * departure, bent=True)
 
 
-def made_uneven(world: World, uneven: Uneven, believed_damping: tuple[float, ...]) -> World:
+def made_uneven(world: World, uneven: Uneven, nominal_damping: tuple[float, ...]) -> World:
     """The world whose effect is in it already, with its law spoilt."""
-    world = scale_hinges(world, uneven.of_hinge, believed_damping)
+    world = scale_hinges(world, uneven.of_hinge, nominal_damping)
     if uneven.stribeck_power is not None:
         world = replace(world, floor=replace(world.floor, stribeck_power=uneven.stribeck_power))
     return _bent(world, uneven.effect) if uneven.bent else world

@@ -21,7 +21,7 @@ class Truth:
     """The part of a truth that is scored. `effects` with their parameters, `strangers` by name; `accepted` are further right names.
 
     `nameless` where something is wrong that no name fits, so that only "unexplained", or a refusal, is right; `left` is how far the forces
-    shift beyond what believed values can explain, in units of the noise; `left_of_each` the same for each effect alone, and
+    shift beyond what nominal values can explain, in units of the noise; `left_of_each` the same for each effect alone, and
     `faintest_above` for the effect that shows least, in units of noise and usual model error.
     """
 

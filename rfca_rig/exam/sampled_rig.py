@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rfca_rig.exam.believed import believed_world, moved
 from rfca_rig.exam.cases import Case
 from rfca_rig.exam.heterogeneity import made_uneven
 from rfca_rig.exam.injected_faults import with_effect
 from rfca_rig.exam.labels import really
 from rfca_rig.exam.laws import shape_laws
+from rfca_rig.exam.nominal_world import moved, nominal_world
 from rfca_rig.exam.structured import distorted
 from rfca_rig.exam.unknown_faults import with_stranger
 from rfca_rig.exam.world import World
@@ -36,7 +36,7 @@ def world_of(case: Case, height_m: float, scatter: Scatter, repeat: int, stronge
     """The real rig of a case in one repeat (from 1), after `strokes_before` in the campaign; effects that vary between conditions are
     `stronger` times as strong here.
     """
-    world = replace(moved(believed_world(height_m), case.off), strokes_before=strokes_before)
+    world = replace(moved(nominal_world(height_m), case.off), strokes_before=strokes_before)
     if case.structured is not None:
         world = distorted(world, case.structured)
     world = replace(world, drive=replace(world.drive, late_s=case.late_s))

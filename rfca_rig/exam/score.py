@@ -49,7 +49,7 @@ class Share:
 @dataclass(frozen=True)
 class Marks:
     """All marks, of legs but for names, alarms and `pendulums`, the scores of statements about these. "Detectable" means shifted by
-    more than DETECTABLE beyond what believed values explain; "above" by as much in units of noise and usual model error.
+    more than DETECTABLE beyond what nominal values explain; "above" by as much in units of noise and usual model error.
 
     `outcomes` counts outcomes per kind; `confusion` counts (true effect, what was said) over cases with one effect;
     `power` counts single effects that are stated, or their family, and nothing wrong, by how much shows: below, between and above POWER_AT.

@@ -36,7 +36,7 @@ class MarkedCase:
     """One case. `concealed` names what is in it: effects, strangers, or what its file says wrongly; empty where nothing is.
 
     `named` are the effects that the diagnosis stands by, with their probabilities; `left` is how far the forces shift beyond what
-    believed values explain, in units of the noise; `seconds` how long the diagnosis took; None where not known.
+    nominal values explain, in units of the noise; `seconds` how long the diagnosis took; None where not known.
     """
 
     id: str

@@ -2,7 +2,7 @@
 
 The spans were chosen so that the trace of fz before the valley shifts by about twice to fifty times the noise of a sample, 0.15 N, at
 215 mm and 2.4 rad/s, and stay within what is plausible on a leg of 0.3 kg and 0.3 m. Strength 0 is the first value, 1 the second;
-geometric in between where both have one sign. `EITHER` draws a sign, `AROUND` adds or takes the amount from a believed value.
+geometric in between where both have one sign. `EITHER` draws a sign, `AROUND` adds or takes the amount from a nominal value.
 """
 
 from collections.abc import Mapping

@@ -16,7 +16,7 @@ def truth_of(case: Case) -> dict[str, Any]:
 
     `effects` holds what a diagnosis should name, `strangers` what it cannot; `also_right` are names that say the same; with
     `silence_is_right` "nothing missing" is right too. `size` tells how far the concealed physics shifts the forces, in units of
-    a sample's noise; `left_of_each` the same for each effect alone, as far as believed values cannot explain it; `above_of_each` in units
+    a sample's noise; `left_of_each` the same for each effect alone, as far as nominal values cannot explain it; `above_of_each` in units
     of noise and of the usual model error.
     """
     size = size_of(case) if case.effects or case.strangers or case.mislabelled else Size(0.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""How much of what a case conceals the forces show, and how much of that remains when the believed values may move."""
+"""How much of what a case conceals the forces show, and how much of that remains when the nominal values may move."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -6,7 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.believed import (
+from rfca_rig.exam.cases import Case
+from rfca_rig.exam.experiment import stroke_traces
+from rfca_rig.exam.labels import really
+from rfca_rig.exam.nominal_world import (
     CONTACT_SHARE,
     DAMPING_SHARE,
     FRICTION,
@@ -15,12 +18,9 @@ from rfca_rig.exam.believed import (
     MASS_SHARE,
     START_DEG,
     OffBy,
-    believed_world,
     moved,
+    nominal_world,
 )
-from rfca_rig.exam.cases import Case
-from rfca_rig.exam.experiment import stroke_traces
-from rfca_rig.exam.labels import really
 from rfca_rig.exam.sampled_rig import Scatter, world_of
 from rfca_rig.exam.sensor import Noise, felt
 from rfca_rig.exam.world import World
@@ -29,14 +29,14 @@ Floats = NDArray[np.float64]
 
 MODEL_ERROR = 0.01
 
-FARTHEST = 4.0  # sigmas that a believed value may move
+FARTHEST = 4.0  # sigmas that a nominal value may move
 NEAR, SHORT = 0.3, 0.3  # sigmas within which moves stay as they are, and over which they are found anew
 STEPS = 4
 BELIEVED = 7
 
 
 def sigmas_off(sigmas: Floats) -> OffBy:
-    """The believed values that many standard deviations further, (7,)."""
+    """The nominal values that many standard deviations further, (7,)."""
     return OffBy(
         height_mm=HEIGHT_MM * sigmas[0],
         start_angle_deg=START_DEG * sigmas[1],
@@ -52,7 +52,7 @@ def sigmas_off(sigmas: Floats) -> OffBy:
 class Size:
     """Root mean square of the change of fy, fz and tx, whichever is largest, in units of a sample's noise.
 
-    `shift` as it is; `left` after the believed values have moved within what they are known to, to explain it as well as they can.
+    `shift` as it is; `left` after the nominal values have moved within what they are known to, to explain it as well as they can.
     `above` is what is left in units of noise and of the error that any model may have, MODEL_ERROR of the force: nobody can name what
     hides below that.
     """
@@ -67,7 +67,7 @@ def size_of(case: Case) -> Size:
 
     Infinite where nothing but the labels of the columns or of the conditions is wrong.
     """
-    if case.mislabelled and really(believed_world(1.0), case.mislabelled) == believed_world(1.0):
+    if case.mislabelled and really(nominal_world(1.0), case.mislabelled) == nominal_world(1.0):
         return Size(np.inf, np.inf, np.inf)
     first, last = 0, len(case.design.conditions) - 1
     seen = [_seen(case, number) for number in sorted({first, last})]
@@ -78,8 +78,8 @@ def size_of(case: Case) -> Size:
 
 @dataclass(frozen=True)
 class _Seen:
-    """One condition in units of a sample's noise: what the concealed physics does, (3, m), what one sigma of each believed value does,
-    (3, m, p), the plain `forces` (3, m), and how they change where the believed values have moved by so many sigmas each.
+    """One condition in units of a sample's noise: what the concealed physics does, (3, m), what one sigma of each nominal value does,
+    (3, m, p), the plain `forces` (3, m), and how they change where the nominal values have moved by so many sigmas each.
     """
 
     shift: Floats
@@ -105,7 +105,7 @@ def _seen(case: Case, number: int) -> _Seen:
 
 
 def _left(seen: Sequence[_Seen], shift: Floats, moves: Floats, units: Floats) -> float:
-    """What the believed values leave of the shift after some steps of Gauss and Newton, the prior of each one observation.
+    """What the nominal values leave of the shift after some steps of Gauss and Newton, the prior of each one observation.
 
     Far from where they are believed their moves are another, as the swing of a leg under much more damping.
     """

@@ -51,7 +51,7 @@ def _miss(truth: Truth, said: Said) -> Miss | None:
 
 
 def _missed(truth: Truth, what: str, left: float) -> Miss:
-    """`left` is how far that shifts the forces beyond what believed values can explain, in units of the noise."""
+    """`left` is how far that shifts the forces beyond what nominal values can explain, in units of the noise."""
     seen = min(left / 100.0, 1.0)
     return Miss(truth.case, truth.kind, 1.0 + seen, f"missed {what}, which shifts the forces by {left:.1f} times the noise")
 

@@ -120,7 +120,7 @@ class _McapFile:
         """Where the recording comes from, as metadata."""
         stored = self._stored
         self._writer.add_metadata(
-            "recording", {"title": stored.title, "source": stored.source, "believed": json.dumps(dict(stored.believed))}
+            "recording", {"title": stored.title, "source": stored.source, "believed": json.dumps(dict(stored.nominal))}
         )
         texts = {name: text for name, text in stored.provenance.items() if name != "events" and len(text) <= LONGEST_METADATA}
         self._writer.add_metadata("provenance", texts)

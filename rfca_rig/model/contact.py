@@ -26,7 +26,7 @@ def normal_force(stiffness: float, damping: float, depth: float, rate: float) ->
 
 @inlined
 def plain_normal_force(chain: Chain, depth: float, rate: float) -> tuple[float, float, float]:
-    """Of the believed floor, which may damp an end that leaves otherwise than one that enters."""
+    """Of the nominal floor, which may damp an end that leaves otherwise than one that enters."""
     damping = chain.contact_damping if rate > 0.0 else chain.leaving_damping
     return normal_force(chain.contact_stiffness, damping, depth, rate)
 

@@ -64,7 +64,7 @@ class Effect:
     law: they say how exactly it acts. A file may leave them
     out, and their neutral values then apply; a diagnosis fits them together with the effect.
     Raises ValueError where the neutral value of a shape parameter lies outside of its plausible range.
-    `same_as` names the believed value, as `fit` calls it, that does exactly the same where it is wrong: only how well that is known tells
+    `same_as` names the nominal value, as `fit` calls it, that does exactly the same where it is wrong: only how well that is known tells
     the two apart.
     `variant_of` names the most general effect of which this one is a special case, as dry friction is of Stribeck's.
     `equal_limits` are those in which its law becomes that of another effect: a diagnosis then reports both as one set.

@@ -4,7 +4,7 @@ So the chain is compiled once, whatever effects are switched on, and a lab's own
 Python function that numba can compile, with one of these signatures; `memory` (4) and `parameter` (8) are indexed, nothing more:
 
     HINGE   torque(phi, rate, elapsed, k0, k2, memory, parameter) -> (T, dT/dphi, dT/drate)
-            T [N m] resists phi beside the believed spring k0 phi (1 + k2 phi^2); `elapsed` [s] since the step began
+            T [N m] resists phi beside the nominal spring k0 phi (1 + k2 phi^2); `elapsed` [s] since the step began
     ROTOR   torque(phi, rate, acceleration, elapsed, k0, k2, memory, parameter) -> (T, dT/dphi, dT/drate, dT/dacceleration)
             the same, for a law that is told the acceleration d2phi/dt2 [rad/s2] too
     LINK    force(v, length, memory, parameter) -> (F, dF/dv)

@@ -211,7 +211,7 @@ def _acts(before: Setup, after: Setup) -> bool:
 
 
 def _set_up(pendulum: Pendulum) -> Setup:
-    """The plain pendulum. Its leg is made of rods; lengths and believed damping hold, the masses are put right in the chain."""
+    """The plain pendulum. Its leg is made of rods; lengths and nominal damping hold, the masses are put right in the chain."""
     links = pendulum.links
     drives = tuple(drive_of(joint, link.torque_delay_s) for joint, link in enumerate(links, start=1) if link.driven)
     friction = tuple(friction_of(link.joint_friction_Nm, joint) for joint, link in enumerate(links, start=1) if link.joint_friction_Nm)

@@ -25,7 +25,7 @@ class Load:
 def check_plan(plan: Plan, expected: Mapping[Stage, Load], supposing: str = "") -> None:
     """Raises BadInput, naming the stage, where the plan passes a limit.
 
-    `expected` is the load of a stage, where known; `supposing` says, for the message, what else than the believed it supposes.
+    `expected` is the load of a stage, where known; `supposing` says, for the message, what else than the nominal it supposes.
     """
     if not plan.flaps and not plan.holds and not cycles_in(plan):
         raise BadInput(f"{plan.title}: nothing to record; give at least one condition, or one shaft angle")

@@ -117,13 +117,13 @@ class RawStage:
 class Recording:
     """Everything one run or one campaign recorded. Analyses take `strokes` and `static`; `raw` is for whoever looks closer.
 
-    `believed` holds the sections leg, ground, sensor, drive of the model as it was believed, `known_to` one standard deviation
-    of each believed value, both as plain data in the file's own units. `provenance` is text by name (versions, seed, plan ...).
+    `nominal` holds the sections leg, ground, sensor, drive of the model as it was believed, `known_to` one standard deviation
+    of each nominal value, both as plain data in the file's own units. `provenance` is text by name (versions, seed, plan ...).
     """
 
     title: str
     source: Source
-    believed: Mapping[str, Any]
+    nominal: Mapping[str, Any]
     known_to: Mapping[str, Any]
     strokes: tuple[Stroke, ...]
     static: tuple[StaticStage, ...]

@@ -26,8 +26,8 @@ class Ending:
 
 def write_header(folder: Path, header: Recording) -> None:
     """`run.json`, from a recording without strokes and stages."""
-    texts = ("title", "source", "believed", "known_to", "provenance")
-    _write(folder / HEADER, {"format": FORMAT} | {name: getattr(header, name) for name in texts})
+    texts = {name: getattr(header, name) for name in ("title", "source", "known_to", "provenance")}
+    _write(folder / HEADER, {"format": FORMAT, "believed": header.nominal} | texts)
 
 
 def read_header(folder: Path) -> Recording:

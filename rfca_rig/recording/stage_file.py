@@ -156,4 +156,4 @@ def _fill(made: FileBeingMade, survey: Survey, journal: Path, header: Recording)
 
 def bare(header: Recording) -> Recording:
     """What a stage's file repeats of its run's header."""
-    return replace(header, believed={}, known_to={}, strokes=(), static=(), provenance={})
+    return replace(header, nominal={}, known_to={}, strokes=(), static=(), provenance={})

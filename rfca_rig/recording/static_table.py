@@ -75,8 +75,8 @@ def read_static(parent: h5py.Group) -> tuple[StaticStage, ...]:
     group = parent[GROUP]
     hinges = int(group.attrs["hinges"])
     std = json.loads(group.attrs["std"])
-    believed = [name for name in _hinge_std_names(hinges) if name in group]
-    names = ["height_mm", "stage", *_PLAIN, *_hinge_names(hinges), *believed, *(f"std_{name}" for name in std), "settled"]
+    nominal = [name for name in _hinge_std_names(hinges) if name in group]
+    names = ["height_mm", "stage", *_PLAIN, *_hinge_names(hinges), *nominal, *(f"std_{name}" for name in std), "settled"]
     names += [name for name in (BEFORE, "held_s") if name in group]
     columns = {name: read_column(group, name).raw.tolist() for name in names}
     texts = {name: [text.decode() for text in group[name][:].tolist()] for name in ("direction", *_TEXTS) if name in group}

@@ -2,7 +2,7 @@
 
     /            attributes format, title, source
     /believed    JSON text: leg, ground, sensor, drive as believed
-    /known_to    JSON text: one standard deviation of each believed value
+    /known_to    JSON text: one standard deviation of each nominal value
     /provenance  JSON text: text by name
     /strokes/001 attributes height_mm, speed_rad_s, repeat; a group per stream, see `strokes`
     /static      a column per quantity, a row per stage, see `static_table`
@@ -55,8 +55,8 @@ def mark_recording(file: h5py.Group, recording: Recording, has_strokes: bool) ->
     file.attrs["title"] = recording.title
     file.attrs["source"] = recording.source
     nexus.mark_root(file, STROKES if has_strokes else RAW)
-    for name in ("believed", "known_to", "provenance"):
-        _write_text(file, name, getattr(recording, name))
+    for name, text in (("believed", recording.nominal), ("known_to", recording.known_to), ("provenance", recording.provenance)):
+        _write_text(file, name, text)
 
 
 def read_recording(path: Path) -> Recording:
@@ -65,7 +65,7 @@ def read_recording(path: Path) -> Recording:
         return Recording(
             title=str(file.attrs["title"]),
             source=source,
-            believed=_read_text(file, "believed"),
+            nominal=_read_text(file, "believed"),
             known_to=_read_text(file, "known_to"),
             strokes=read_strokes(file, source),
             static=read_static(file),

@@ -82,7 +82,7 @@ def page(diagnosis: Diagnosis, origin: Origin, files: Sequence[str] = ()) -> str
         unexplained=[_text(text) for text in diagnosis.unexplained],
         next_experiment=entries(diagnosis.next_experiment or {}),
         remarks=[_text(text) for text in diagnosis.remarks],
-        believed=[_nuisance(name, value, diagnosis.priors.get(name)) for name, value in diagnosis.believed_values.items()],
+        nominal=[_nuisance(name, value, diagnosis.priors.get(name)) for name, value in diagnosis.believed_values.items()],
         settings=entries(diagnosis.settings),
     )
 

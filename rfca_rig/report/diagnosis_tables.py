@@ -35,7 +35,7 @@ def parameters_table(diagnosis: Diagnosis) -> Table:
     return Table("parameters", f"{claim}: values ± half of a 90 % interval.", PARAMETERS, rows)
 
 
-def believed_table(diagnosis: Diagnosis) -> Table:
+def nominal_values_table(diagnosis: Diagnosis) -> Table:
     """The nuisance parameters, as the recordings leave them, with their priors."""
     priors = {name: {"prior_value": value.value, "prior_std": value.std} for name, value in diagnosis.priors.items()}
     columns = (

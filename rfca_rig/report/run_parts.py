@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.bench.expectation import expected_loads
 from rfca_rig.channels import WRENCH
-from rfca_rig.description.believed import believed_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import stroke_at_speed
@@ -122,13 +122,13 @@ def _plan(recording: Recording) -> Plan | None:
 
 def _rig(recording: Recording) -> RigModel | None:
     try:
-        return believed_model(recording.believed)
+        return nominal_model(recording.nominal)
     except BadInput:
         return None
 
 
 class _Expected:
-    """What the believed model expects, by the labels of the plan's stages, else by condition."""
+    """What the nominal model expects, by the labels of the plan's stages, else by condition."""
 
     def __init__(self, plan: Plan | None, rig: RigModel | None) -> None:
         self._rig = rig

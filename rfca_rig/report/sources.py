@@ -8,7 +8,7 @@ from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.peak_force import PeakForceRow, peak_row_of
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.analysis.table2 import Row, row_of
-from rfca_rig.description.believed import believed_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.progress import Watcher, counted, unwatched
 from rfca_rig.recording.model import Recording
@@ -48,7 +48,7 @@ def compare_sources(
 ) -> tuple[ComparedSource, ...]:
     """Each recording against the `given` model, or, where none is given, against the model it was believed to follow.
 
-    Raises BadInput where the believed values make no model, SimulationFailed.
+    Raises BadInput where the nominal values make no model, SimulationFailed.
     """
     names = _distinct([recording.title for recording in recordings])
     conditions = [len(conditions_of(recording.strokes)) for recording in recordings]
@@ -64,9 +64,9 @@ def _part(watcher: Watcher, before: int, of: int) -> Watcher:
 
 
 def _compared(name: str, recording: Recording, shaft: Shaft, given: GivenModel | None, watcher: Watcher) -> ComparedSource:
-    if given is None and not recording.strokes and not recording.believed:
+    if given is None and not recording.strokes and not recording.nominal:
         return ComparedSource(name, recording, None, ())
-    rig = believed_model(recording.believed) if given is None else given.rig
+    rig = nominal_model(recording.nominal) if given is None else given.rig
     conditions = counted(conditions_of(recording.strokes), watcher)
     return ComparedSource(name, recording, rig, tuple(compare_condition(rig, condition, shaft) for condition in conditions))
 

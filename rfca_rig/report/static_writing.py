@@ -30,14 +30,14 @@ def write_static_report(
     result: StaticResult,
     sources: Sequence[StaticSource],
     out: Path,
-    believed: Mapping[str, Any],
+    nominal: Mapping[str, Any],
     known_to: Mapping[str, Any],
     model_file: str | None = None,
     origin: Origin | None = None,
 ) -> None:
     """All files into `out`, made where it is not there; the same bytes for the same input. Raises RigError where the disk refuses.
 
-    `believed` and `known_to` are the sections that the stages were held against, `model_file` the file they came from where one was given.
+    `nominal` and `known_to` are the sections that the stages were held against, `model_file` the file they came from where one was given.
     """
     most_rad = min(max(abs(angle) for angle in result.curve.range_rad), FARTHEST_RAD)
     elastica = foretold(result.rig.leg, result.values.k0_Nm_per_rad, most_rad)
@@ -55,6 +55,6 @@ def write_static_report(
     named = [f"{source.name} ({source.recording.source})" for source in sources]
     for name, (is_possible, write) in writers.items():
         if is_possible:
-            write(out / name, result, believed, known_to, named)
+            write(out / name, result, nominal, known_to, named)
         else:
             (out / name).unlink(missing_ok=True)

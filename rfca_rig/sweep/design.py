@@ -9,14 +9,14 @@ from rfca_rig.model.rediscretize import cell_m, with_first_link, with_links
 from rfca_rig.model.strip import Strip, paper_strips, table_1_materials
 
 FITTED_STRIP = paper_strips({material.name: material for material in table_1_materials()}["CFSP"], 0.8e-3)
-"""The strip of which the believed k0 is taken to be: the paper's, two pieces of CFSP of 0.8 mm."""
+"""The strip of which the nominal k0 is taken to be: the paper's, two pieces of CFSP of 0.8 mm."""
 
 
 @dataclass(frozen=True)
 class Design:
     """What one case simulates. `rig` is as believed, with its own links and strip; `strip`, `links` and `first_link_m` are put in last.
 
-    So k0, k2 and hinge damping are always those of the believed leg, from which other links and strips are derived.
+    So k0, k2 and hinge damping are always those of the nominal leg, from which other links and strips are derived.
     """
 
     rig: RigModel

@@ -8,7 +8,7 @@ from functools import cache, partial
 import numpy as np
 
 from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
-from rfca_rig.analysis.fitting.space import Parameter as Believed
+from rfca_rig.analysis.fitting.space import Parameter as ModelParameter
 from rfca_rig.description.sections import SOFTEST_K2
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
@@ -73,10 +73,10 @@ def quantity(name: str) -> Quantity:
 def quantities() -> dict[str, Quantity]:
     """All of them by name: the stroke, the strip, the links, what the model believes, effects."""
     own = (*_of_the_stroke(), *_of_the_strip(), *_of_the_links())
-    believed = (_believed(parameter) for name, parameter in PARAMETERS.items() if name != HEIGHT)
+    nominal = (_nominal(parameter) for name, parameter in PARAMETERS.items() if name != HEIGHT)
     of_legs = (effect for _, effect in sorted(catalogue().items()) if effect.where != OF_PENDULUMS)
     effects = (_of_effect(effect.id, parameter) for effect in of_legs for parameter in effect.parameters)
-    return {each.name: each for each in (*own, *believed, *effects)}
+    return {each.name: each for each in (*own, *nominal, *effects)}
 
 
 @cache
@@ -129,7 +129,7 @@ def _of_the_links() -> tuple[Quantity, ...]:
     )
 
 
-def _believed(parameter: Believed[Supposed]) -> Quantity:
+def _nominal(parameter: ModelParameter[Supposed]) -> Quantity:
     def write(at: Design, value: Value) -> Design:
         return replace(at, rig=parameter.write(Supposed(at.rig), _number(value)).rig)
 
@@ -142,7 +142,7 @@ def _believed(parameter: Believed[Supposed]) -> Quantity:
     )
 
 
-def _limits_of(parameter: Believed[Supposed]) -> Callable[[Value], str | None]:
+def _limits_of(parameter: ModelParameter[Supposed]) -> Callable[[Value], str | None]:
     if parameter.name == "start_angle":
         return _between(-180.0, 180.0)
     if parameter.name == "friction":
@@ -163,7 +163,7 @@ def _of_effect(id_: str, parameter: OfEffect) -> Quantity:
     )
 
 
-def _with_unit(parameter: Believed[Supposed]) -> str:
+def _with_unit(parameter: ModelParameter[Supposed]) -> str:
     """As model files have it: k0 in N m/rad is k0_Nm_per_rad, k2 in 1/rad2 is k2_per_rad2."""
     unit = parameter.unit.replace("m1.5", "m1p5")
     for written, named in UNIT_WORDS.items():

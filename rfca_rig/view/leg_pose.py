@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.description.believed import believed_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import RigError
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.view.decimation import Floats
@@ -32,11 +32,11 @@ class Moment:
 class Legs:
     """Draws the leg straight until the model's shapes are computed, which `prepare` does, on a thread of its own.
 
-    Without a believed model, as of a campaign that brings none, there is no leg.
+    Without a nominal model, as of a campaign that brings none, there is no leg.
     """
 
-    def __init__(self, believed: Mapping[str, Any]) -> None:
-        self._rig = _model(believed)
+    def __init__(self, nominal: Mapping[str, Any]) -> None:
+        self._rig = _model(nominal)
         self._shapes: LegShapes | None = None
         self._prepared: set[Stroked] = set()
 
@@ -106,9 +106,9 @@ class Legs:
         return shapes.at_shaft(stroke.height_m, shaft_rad, stroke.speed_rad_s)
 
 
-def _model(believed: Mapping[str, Any]) -> RigModel | None:
+def _model(nominal: Mapping[str, Any]) -> RigModel | None:
     try:
-        return believed_model(believed) if believed else None
+        return nominal_model(nominal) if nominal else None
     except RigError:
         return None
 

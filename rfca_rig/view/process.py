@@ -40,7 +40,7 @@ def show(parent: Connection) -> None:
         parent.send((FAILED, str(error)))
         return
     parent.send((READY, port_of(listening)))
-    legs = Legs(assignment.facts.believed)
+    legs = Legs(assignment.facts.nominal)
     threading.Thread(target=legs.prepare, args=(assignment.facts.scenes,), daemon=True).start()
     run = LiveRun(LiveSource(assignment.facts, queue, assignment.clock, legs))
     try:

@@ -21,7 +21,7 @@ def replay(path: Path, port: int, ready: Callable[[str], None]) -> None:
     Raises BadInput where there is no recording, none with anything to play, or for a port that is taken.
     """
     stored = stored_at(path)
-    legs = Legs(stored.believed)
+    legs = Legs(stored.nominal)
     source = Replay(stored, legs, WallClock())
     if not source.player.clips:
         raise BadInput(f"{path}: holds neither strokes nor static stages, so there is nothing to view")

@@ -12,7 +12,7 @@ from rfca_rig.view.scenes import Scene, scenes
 
 @dataclass(frozen=True)
 class RunFacts:
-    """`mark` SIM or REAL; `believed` are the sections of the model as recordings hold them."""
+    """`mark` SIM or REAL; `nominal` are the sections of the model as recordings hold them."""
 
     title: str
     mark: str
@@ -20,8 +20,8 @@ class RunFacts:
     scenes: tuple[Scene, ...]
     limits: Limits
     scale: SensorScale
-    believed: Mapping[str, Any]
+    nominal: Mapping[str, Any]
 
 
-def run_facts(plan: Plan, mark: str, scale: SensorScale, believed: Mapping[str, Any]) -> RunFacts:
-    return RunFacts(plan.title, mark, listed(plan.stages), scenes(plan), plan.limits, scale, believed)
+def run_facts(plan: Plan, mark: str, scale: SensorScale, nominal: Mapping[str, Any]) -> RunFacts:
+    return RunFacts(plan.title, mark, listed(plan.stages), scenes(plan), plan.limits, scale, nominal)

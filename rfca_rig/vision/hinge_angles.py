@@ -87,15 +87,15 @@ def _nothing(links: int) -> HingeAngles:
 def _solved(seen: _Seen, plan: MarkPlan, lengths_m: Floats, shaft_std_m: float) -> tuple[Floats, Floats]:
     """Link angles (links,) and their covariance. Beside them are solved for: the shaft's place (2,), and each link's stretch (links,)."""
     links = len(lengths_m)
-    believed = np.concatenate([_start(seen, plan, lengths_m), np.zeros(2), np.ones(links)])
+    nominal = np.concatenate([_start(seen, plan, lengths_m), np.zeros(2), np.ones(links)])
     known = np.zeros((2 * links + 2, 2 * links + 2))
     known[:links, :links] = (np.eye(links) - np.eye(links, k=-1)) / ANGLE_PRIOR_STD_RAD
     known[links:, links:] = np.diag([1 / shaft_std_m] * 2 + list(lengths_m / WEAK_LENGTH_STD_M))
-    values = believed.copy()
+    values = nominal.copy()
     for _ in range(STEPS):
         miss, slopes = _misses(values, seen, plan, lengths_m)
         rows = np.concatenate([slopes, known])
-        step, *_ = np.linalg.lstsq(rows, np.concatenate([miss, known @ (believed - values)]), rcond=None)
+        step, *_ = np.linalg.lstsq(rows, np.concatenate([miss, known @ (nominal - values)]), rcond=None)
         values = values + step
         if np.abs(step).max() < 1e-12:
             break

@@ -69,7 +69,7 @@ def fit_outline(points: Floats, start_px: Floats, shape: Shape, rays: int) -> Ou
     Weights by Tukey's biweight; the shape enters as what is known beforehand, so that half a rim still gives a middle.
     """
     values = np.array([*start_px, shape.radius_px, *shape.bend])
-    believed = values.copy()
+    nominal = values.copy()
     known = np.array([0.0, 0.0, 1 / (shape.radius_std * shape.radius_px) ** 2, 1 / shape.bend_std**2, 1 / shape.bend_std**2])
     scatter = CIRCLE_BAND * shape.radius_px
     for _ in range(ROUNDS):
@@ -79,7 +79,7 @@ def fit_outline(points: Floats, start_px: Floats, shape: Shape, rays: int) -> Ou
             return None
         scatter = max(SMALLEST_SCATTER_PX, 1.4826 * float(np.median(np.abs(miss[weights > 0.2]))))
         information = (slopes.T * weights) @ slopes / scatter**2 / NEIGHBOURS_SHARE_NOISE + np.diag(known)
-        pull = (slopes.T * weights) @ miss / scatter**2 / NEIGHBOURS_SHARE_NOISE + known * (believed - values)
+        pull = (slopes.T * weights) @ miss / scatter**2 / NEIGHBOURS_SHARE_NOISE + known * (nominal - values)
         values = values + np.linalg.solve(information, pull)
     seen = min(1.0, float((weights > 0.2).sum()) / rays)
     covariance = np.asarray(np.linalg.inv(information)[:2, :2], np.float64)

@@ -20,8 +20,8 @@ from rfca_rig.analysis.fitting.valleys import ValleyRow, fit_valleys
 from rfca_rig.analysis.phases import StrokePhases
 from rfca_rig.analysis.repeats import conditions_of
 from rfca_rig.analysis.valley import Valley
-from rfca_rig.description.believed import believed_model, model_of
 from rfca_rig.description.model_file import read_model_file
+from rfca_rig.description.nominal_model import model_of, nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.stroke import stroke_at_speed
@@ -33,7 +33,7 @@ from tests.report.recordings import BELIEVED
 KNOWN_TO = {"k0_relative": 0.03, "friction_coefficient": 0.05, "height_mm": 0.2}
 NOISE = {"fy_N": 0.10, "fz_N": 0.15, "tx_Nm": 0.006}
 SECTIONS = {**BELIEVED, "sensor": {"below_shaft_mm": 45.0, "noise_std": NOISE}}
-BELIEF = Supposed(believed_model(SECTIONS))
+BELIEF = Supposed(nominal_model(SECTIONS))
 TRUTH = {"k0": 11.3, "friction": 0.42, "height": 0.12}
 CONDITIONS = ((0.215, 3.25), (0.235, 4.5))
 COMMANDED = Comparison("commanded")
@@ -126,8 +126,8 @@ def test_an_encoder_that_reads_too_little_is_noticed():
     belief = {**KNOWN_TO, "start_angle_deg": 0.3}
     (start,) = fit_recordings([replace(made, strokes=strokes, known_to=belief)], ("start_angle",), Comparison("recorded")).parameters
     true_deg = np.degrees(SECTIONS["leg"]["start_angle_rad"])
-    assert start.believed == pytest.approx(true_deg - off_deg, abs=0.01)
-    assert start.value > start.believed + 0.1
+    assert start.nominal == pytest.approx(true_deg - off_deg, abs=0.01)
+    assert start.value > start.nominal + 0.1
 
 
 def test_what_differs_from_stroke_to_stroke_is_found():
@@ -140,12 +140,12 @@ def test_what_differs_from_stroke_to_stroke_is_found():
 def test_nothing_moves_where_nothing_is_off():
     true = {"k0": 11.0, "friction": 0.45, "height": 0.0}
     result = fit_recordings([recording(3, truth=true)], (), COMMANDED)
-    assert all(abs(p.value - p.believed) < 3.0 * p.std and abs(p.shift_in_std) < 0.5 for p in result.parameters)
+    assert all(abs(p.value - p.nominal) < 3.0 * p.std and abs(p.shift_in_std) < 0.5 for p in result.parameters)
 
 
 def test_force_alone_is_enough_and_its_noise_need_not_be_stated():
     stated = recording(4, channels=("fz_N",))
-    silent = replace(stated, believed={**SECTIONS, "sensor": {"below_shaft_mm": 45.0}})
+    silent = replace(stated, nominal={**SECTIONS, "sensor": {"below_shaft_mm": 45.0}})
     result = fit_recordings([silent], (), COMMANDED)
     assert result.noise == {"fz_N": pytest.approx(0.15, rel=0.1)}
     assert result.parameters[0].value == pytest.approx(TRUTH["k0"], rel=5e-3)
@@ -315,8 +315,8 @@ def test_the_fitted_model_is_read_back_as_it_was_written(tmp_path):
     space = space_of(("k0", "mass", "friction", "start_angle", "height", "k2", "link_radius"), BELIEF, {**KNOWN_TO, "start_angle_deg": 0.3})
     toy = one_row(lambda s: np.array([(k0_of(s) - 11.4) / 0.1]))
     result = fit(toy, space, Search(start={"mass": 325.0, "start_angle": 13.3}))
-    believed = {**SECTIONS, "sensor": {**SECTIONS["sensor"], "tared": 'without "the" leg\n'}}
-    write_model_file(tmp_path / "model.toml", result, believed, {**KNOWN_TO, "mass_relative": 0.01}, ["runs/a\nb"])
+    nominal = {**SECTIONS, "sensor": {**SECTIONS["sensor"], "tared": 'without "the" leg\n'}}
+    write_model_file(tmp_path / "model.toml", result, nominal, {**KNOWN_TO, "mass_relative": 0.01}, ["runs/a\nb"])
     read = read_model_file(tmp_path / "model.toml")
     written = result.supposed.rig
     again = model_of(read)
@@ -325,7 +325,7 @@ def test_the_fitted_model_is_read_back_as_it_was_written(tmp_path):
     assert again.leg.start_angle_rad == pytest.approx(written.leg.start_angle_rad, rel=1e-5)
     assert again.ground.friction_coefficient == pytest.approx(written.ground.friction_coefficient, rel=1e-6)
     assert (again.sensor, again.drive) == (written.sensor, written.drive)
-    assert read.sensor.tared == believed["sensor"]["tared"]
+    assert read.sensor.tared == nominal["sensor"]["tared"]
     assert read.sensor.noise_std.fz_N == 0.15
     stds = {p.name: p for p in result.parameters}
     assert read.known_to.k0_relative == pytest.approx(stds["k0"].std / stds["k0"].value, rel=1e-5)
@@ -341,8 +341,8 @@ def test_effects_that_were_believed_stay_and_a_fitted_height_adds_to_a_believed_
     play = PresentEffect("hinge_backlash", (("half_gap_deg", 0.7),))
     centre = replace(BELIEF, rig=replace(BELIEF.rig, effects=(rack, play)))
     result = fit(one_row(lambda s: np.array([(1e3 * s.height_offset_m - 0.4) / 0.01])), space_of(("height",), centre, {"height_mm": 0.2}))
-    believed = {**SECTIONS, "effects": [{"id": "height_offset", "parameters": {"offset_mm": 1.5}}]}
-    write_model_file(tmp_path / "model.toml", result, believed, KNOWN_TO, [])
+    nominal = {**SECTIONS, "effects": [{"id": "height_offset", "parameters": {"offset_mm": 1.5}}]}
+    write_model_file(tmp_path / "model.toml", result, nominal, KNOWN_TO, [])
     play_again, offset = read_model_file(tmp_path / "model.toml").model().effects
     assert play_again == play
     assert dict(offset.values)["offset_mm"] == pytest.approx(1.9, abs=0.01)

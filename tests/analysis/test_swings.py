@@ -121,7 +121,7 @@ REAL = 5e-3, 0.05  # rad, rad/s that no model of a real rig is expected to meet
 
 
 def fitted(problem, id_, name, low, high):
-    """The effect's value and the mean square of the rows, with believed values free as far as they are known."""
+    """The effect's value and the mean square of the rows, with nominal values free as far as they are known."""
     nuisances, start = problem.nuisances, 0.8 * low + 0.2 * high
     expected = np.hypot(problem.noise_std, np.where(problem.signal_of_row < len(problem.signals) // 2, *REAL))
 

@@ -21,7 +21,7 @@ def rig(tmp_path):
 
 
 def begun_with(rig, **more):
-    header = SimpleNamespace(provenance={"rig_file": rig.read_text(encoding="utf-8"), **more}, believed=read_rig(rig).believed())
+    header = SimpleNamespace(provenance={"rig_file": rig.read_text(encoding="utf-8"), **more}, nominal=read_rig(rig).nominal())
     return SimpleNamespace(header=header, folder=rig.parent)
 
 

@@ -145,13 +145,13 @@ def restless_sensor(clock: Clock) -> Iterator[NetFtSensor]:
 def one_run(rig: RigFile, plan: Plan, folder: Path, seconds: float, has_view: bool) -> Outcome:
     with open_bench(rig, None) as opened, ExitStack() as things:
         bench = replace(opened, sensor=things.enter_context(restless_sensor(opened.clock)))
-        run_folder.create(folder, Recording("live view", "REAL", rig.believed(), {}, (), ()))
+        run_folder.create(folder, Recording("live view", "REAL", rig.nominal(), {}, (), ()))
         keeper, stop_request = ProcessKeeper(folder, patient=False), StopRequest()
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
         processes: dict[str, int | str] = {"loop": "self", "recorder": keeper.process_id}
         view, file = None, None
         if has_view:
-            facts = run_facts(plan, "REAL", bench.sensor.scale(), rig.believed())
+            facts = run_facts(plan, "REAL", bench.sensor.scale(), rig.nominal())
             view = LiveView(facts, plan, stop_request, lambda: (bench.sensor.health(), keeper.backlog_bytes), print, 0)
             file = things.enter_context(page_on(view.url, folder))
             processes["view"] = view.process_id

@@ -26,7 +26,7 @@ from tests.model.lsoda import ICE, fz_by_lsoda
 
 CONDITIONS = (Condition(0.215, 2.433), Condition(0.215, 3.249), Condition(0.235, 2.478), Condition(0.235, 3.276))
 SHARES_OF_1_MS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40, 50, 64, 80, 100)
-SPRING_N_PER_M = 9.2e3  # Hertz's force over indentation at the valley of the believed ground
+SPRING_N_PER_M = 9.2e3  # Hertz's force over indentation at the valley of the nominal ground
 FINEST_S = 5e-6
 
 

@@ -110,7 +110,7 @@ def one_run(rig: RigFile, folder: Path, seen: Watched, lenient: bool, rate_Hz: f
     """One plan, or as much of it as there is time for."""
     with open_bench(rig, None) as opened, ExitStack() as things:
         bench = opened if rate_Hz <= BOX_RATE_HZ else replace(opened, sensor=things.enter_context(fast_sensor(opened.clock, rate_Hz)))
-        run_folder.create(folder, Recording("soak", "REAL", rig.believed(), {}, (), ()))
+        run_folder.create(folder, Recording("soak", "REAL", rig.nominal(), {}, (), ()))
         keeper = ProcessKeeper(folder, patient=False)
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
         reported_s = time.monotonic()

@@ -70,7 +70,7 @@ def test_a_run_that_crashed_opens_with_what_it_had_and_says_so(tmp_path: Path):
 def test_a_belief_that_makes_no_model_is_told_with_the_place_of_its_recording(tmp_path: Path):
     (tmp_path / "run").mkdir()
     write_recording(recording(1, 0), tmp_path / "run" / "run.h5")
-    with pytest.raises(BadInput, match=rf"{tmp_path}/run: the believed model: .*missing"):
+    with pytest.raises(BadInput, match=rf"{tmp_path}/run: the nominal model: .*missing"):
         open_with_belief([SMALL, tmp_path / "run"])
     assert len(open_with_belief([SMALL])) == 1
 

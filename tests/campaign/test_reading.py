@@ -8,7 +8,7 @@ import pytest
 
 from rfca_rig.campaign.importing import import_campaign
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.description.believed import believed_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.store import read_recording
 from tests.campaign.small import SMALL, copy_to, edit, swap, with_column, without_column
@@ -37,10 +37,10 @@ def test_static_stages_are_read_as_they_stand():
 
 
 def test_believed_is_kept_in_the_files_own_units_and_makes_a_model():
-    believed = read_campaign(SMALL).believed
-    assert list(believed) == ["leg", "ground", "sensor", "drive"]
-    assert believed["leg"]["link_lengths_mm"][0] == 54.0
-    assert believed_model(believed).leg.link_lengths_m[0] == 0.054
+    nominal = read_campaign(SMALL).nominal
+    assert list(nominal) == ["leg", "ground", "sensor", "drive"]
+    assert nominal["leg"]["link_lengths_mm"][0] == 54.0
+    assert nominal_model(nominal).leg.link_lengths_m[0] == 0.054
 
 
 def test_spreadsheet_habits_change_nothing(tmp_path: Path):

@@ -24,7 +24,7 @@ DONE = replace(NAMED, effects=tuple(replace(effect, cannot_tell_from=()) for eff
 def first():
     """A recording that believes what the twin's rig file says."""
     (recording,) = open_recordings([SMALL])
-    return replace(recording, believed=RIG_FILE.believed(), known_to=RIG_FILE.known_to.model_dump(exclude_none=True))
+    return replace(recording, nominal=RIG_FILE.nominal(), known_to=RIG_FILE.known_to.model_dump(exclude_none=True))
 
 
 class Answers:
@@ -52,7 +52,7 @@ def test_it_ends_when_one_class_is_left(tmp_path, first, capsys):
     runs = sorted((tmp_path / "runs").iterdir())
     recorded = open_recordings(runs)
     assert [(len(r.strokes), r.strokes[0].height_m, r.strokes[0].speed_rad_s) for r in recorded] == [(1, 0.235, 3.0)] * 2
-    assert recorded[0].believed == recorded[1].believed == first.believed
+    assert recorded[0].nominal == recorded[1].nominal == first.nominal
     assert recorded[0].provenance["seed"] != recorded[1].provenance["seed"]
     lines = capsys.readouterr().err.splitlines()
     assert sum(line.startswith(f"SIM round 1 of 3: {runs[0]}") for line in lines) == 1
@@ -73,12 +73,12 @@ def test_it_ends_when_a_person_is_asked(tmp_path, first, capsys):
 
 
 def test_new_runs_believe_what_the_first_recording_believes(tmp_path, first):
-    leg = {**first.believed["leg"], "k0_Nm_per_rad": 10.5}
-    other = replace(first, believed={**first.believed, "leg": leg})
+    leg = {**first.nominal["leg"], "k0_Nm_per_rad": 10.5}
+    other = replace(first, nominal={**first.nominal, "leg": leg})
     answers = Answers(tmp_path, OPEN, DONE)
     close_the_loop(loop(tmp_path), [other], answers.first, answers)
     (recorded,) = open_recordings(list((tmp_path / "runs").iterdir()))
-    assert (recorded.believed, recorded.known_to) == (other.believed, other.known_to)
+    assert (recorded.nominal, recorded.known_to) == (other.nominal, other.known_to)
 
 
 def test_a_real_rig_moves_only_when_armed(tmp_path, first, monkeypatch):

@@ -192,7 +192,7 @@ def test_a_mistake_gets_one_line_exit_code_2_and_changes_nothing(here, monkeypat
 
 def slippery(here):
     """A model file that no recording believes: half the friction, and a rack that stands 1 mm higher."""
-    sections = read_rig(ROOT / "calibration" / "twin.toml").believed()
+    sections = read_rig(ROOT / "calibration" / "twin.toml").nominal()
     sections["ground"]["friction_coefficient"] = 0.2
     write_model(here / "slippery.toml", sections, {"height_mm": 0.05}, [], [FoundEffect("height_offset", {"offset_mm": 1.0})])
     return here / "slippery.toml"
@@ -213,8 +213,8 @@ def test_a_model_file_takes_the_place_of_the_believed_one(here, monkeypatch, cap
     assert said.exit_code == 0
     run = Path(json.loads(said.out)["run"])
     recording = read_recording(run / "run.h5")
-    assert recording.believed["ground"]["friction_coefficient"] == 0.2
-    assert recording.believed["effects"] == [{"id": "height_offset", "parameters": {"offset_mm": 1.0}}]
+    assert recording.nominal["ground"]["friction_coefficient"] == 0.2
+    assert recording.nominal["effects"] == [{"id": "height_offset", "parameters": {"offset_mm": 1.0}}]
     assert recording.known_to == {"height_mm": 0.05}
     assert recording.provenance["model_file"] == model.read_text()
     (row,) = json.loads((here / "own" / "table2.json").read_text())["rows"]
@@ -251,12 +251,12 @@ def test_a_fitted_model_file_is_one(here, monkeypatch, capsys):
 
 
 def test_a_recording_whose_belief_makes_no_model_is_named(here, monkeypatch, capsys):
-    recording = replace(read_campaign(SMALL), believed={"leg": {}})
+    recording = replace(read_campaign(SMALL), nominal={"leg": {}})
     write_recording(recording, here / "old.h5")
     for command in ("report", "fit"):
         answer = typed(monkeypatch, capsys, command, SMALL, "old.h5")
         assert (answer.exit_code, len(answer.err.splitlines())) == (2, 1)
-        assert "rfca-rig: old.h5: the believed model: " in answer.err
+        assert "rfca-rig: old.h5: the nominal model: " in answer.err
     assert typed(monkeypatch, capsys, "report", "old.h5", "--model", slippery(here)).exit_code == 0
 
 

@@ -34,7 +34,7 @@ def test_predict_takes_the_model_that_it_leaves(tmp_path, monkeypatch, capsys):
     model = tmp_path / "model.toml"
     said = typed(monkeypatch, capsys, "predict", "--height", 235, "--speed", 3.276, "--model", model, "--json")
     assert said.exit_code == 0
-    assert json.loads(said.out)["valley_fz_N"] == pytest.approx(-36.9, abs=0.4)  # as with the believed hinges
+    assert json.loads(said.out)["valley_fz_N"] == pytest.approx(-36.9, abs=0.4)  # as with the nominal hinges
     assert typed(monkeypatch, capsys, "dynamic", "run", "--dry-run", "--model", model).exit_code == 0
     assert typed(monkeypatch, capsys, "report", SMALL, "--out", tmp_path / "again", "--model", model).exit_code == 0
     assert read_model_file(model).known_to.k2_relative < 0.02

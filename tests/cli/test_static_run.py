@@ -161,7 +161,7 @@ def test_a_leg_that_would_wedge_is_refused_with_stage_force_and_limit(here, monk
 
 
 def test_a_leg_that_wedges_only_on_a_slightly_rougher_floor_is_refused_too(here, monkeypatch, capsys):
-    """At 215 mm the believed friction of 0.41 lets the tip slide back; 0.51 does not."""
+    """At 215 mm the nominal friction of 0.41 lets the tip slide back; 0.51 does not."""
     head = HEAD.replace("[235.0]", "[215.0]")
     said = static_run(here, monkeypatch, capsys, (135.0, "loading"), (60.0, "unloading"), head=head)
     assert said.exit_code == 2

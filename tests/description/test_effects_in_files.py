@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.analysis.prediction import predict_stroke
-from rfca_rig.description.believed import believed_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
@@ -34,8 +34,8 @@ def test_an_effect_in_the_file_changes_the_prediction(tmp_path):
 
 def test_what_is_believed_keeps_its_effects_on_the_way_through_a_recording(tmp_path):
     rig = rig_with(tmp_path, STOP)
-    assert believed_model(rig.believed()) == rig.model()
-    assert "effects" not in rig_with(tmp_path, "").believed()
+    assert nominal_model(rig.nominal()) == rig.model()
+    assert "effects" not in rig_with(tmp_path, "").nominal()
 
 
 @pytest.mark.parametrize(

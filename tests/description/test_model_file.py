@@ -2,8 +2,8 @@
 
 import pytest
 
-from rfca_rig.description.believed import believed_model
 from rfca_rig.description.model_file import FoundEffect, read_model_file, write_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import BadInput
 from tests.report.recordings import BELIEVED
 
@@ -18,9 +18,9 @@ def written(folder, sections=BELIEVED, found=(), comments=()):
 
 def test_a_model_comes_back_as_it_was_written(tmp_path):
     read = read_model_file(written(tmp_path))
-    assert read.model() == believed_model(BELIEVED)
-    assert believed_model(read.believed()) == read.model()
-    assert "effects" not in read.believed() and "known_to" not in read.believed()
+    assert read.model() == nominal_model(BELIEVED)
+    assert nominal_model(read.nominal()) == read.model()
+    assert "effects" not in read.nominal() and "known_to" not in read.nominal()
     assert read.known_to.model_dump(exclude_none=True) == {"height_mm": 0.2}
 
 
@@ -31,7 +31,7 @@ def test_effects_believed_before_and_found_now_act_in_that_order_with_their_erro
         ("hinge_backlash", {"half_gap_deg": 0.7}),
         ("spring_hysteresis", {"strength_relative": 0.2, "saturation_deg": 4.0}),
     ]
-    assert believed_model(read.believed()) == read.model()
+    assert nominal_model(read.nominal()) == read.model()
     assert "# strength_relative is known to 0.0123\n" in path.read_text()
     assert path.read_text().startswith("# diagnosed from runs/a\n")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import Field
 
-from rfca_rig.description.believed import believed_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.description.sections import RigSections, Section
 from rfca_rig.description.toml import read_toml
 from rfca_rig.errors import BadInput
@@ -54,32 +54,32 @@ def refusal(tmp_path: Path, old: str, new: str) -> str:
 
 
 def test_the_model_is_in_si_units():
-    model = believed_model(sections())
+    model = nominal_model(sections())
     assert model.leg == Leg((0.054, 0.04), (0.06, 0.043), 0.003, 11.0, 4.2, 0.05, 0.226893)
     assert (model.sensor.below_shaft_m, model.drive.ramp_s) == (0.045, 0.05)
 
 
 def test_a_leg_may_be_bent_at_rest_hinge_by_hinge():
-    assert believed_model(sections()).leg.rest_angles_rad == ()
-    assert believed_model(sections(leg={"rest_angles_deg": [-1.5]})).leg.rest_angles_rad == (np.radians(-1.5),)
+    assert nominal_model(sections()).leg.rest_angles_rad == ()
+    assert nominal_model(sections(leg={"rest_angles_deg": [-1.5]})).leg.rest_angles_rad == (np.radians(-1.5),)
     with pytest.raises(BadInput, match="rest_angles_deg has 2 angles, and the leg 1 hinges; give one per hinge"):
-        believed_model(sections(leg={"rest_angles_deg": [1.0, 2.0]}))
+        nominal_model(sections(leg={"rest_angles_deg": [1.0, 2.0]}))
 
 
 def test_the_floor_is_coulombs_unless_a_tangential_law_is_given():
-    assert believed_model(sections()).ground == Ground(1e5, 1.0, 0.45, 1e-4, 0.0)
+    assert nominal_model(sections()).ground == Ground(1e5, 1.0, 0.45, 1e-4, 0.0)
     given = sections(ground={"presliding_mm": 0.05, "tangential_damping_N_s_per_m": 2.0})
-    assert believed_model(given).ground == Ground(1e5, 1.0, 0.45, 5e-5, 2.0)
+    assert nominal_model(given).ground == Ground(1e5, 1.0, 0.45, 5e-5, 2.0)
 
 
 def test_a_believed_model_that_is_not_one_names_the_key():
-    with pytest.raises(BadInput, match=r"^the believed model: leg\.k0_Nm_per_rad: should be greater than 0, not -1$"):
-        believed_model(sections(leg={"k0_Nm_per_rad": -1}))
+    with pytest.raises(BadInput, match=r"^the nominal model: leg\.k0_Nm_per_rad: should be greater than 0, not -1$"):
+        nominal_model(sections(leg={"k0_Nm_per_rad": -1}))
 
 
 @pytest.mark.parametrize("law", ["k0 * phi + k0*k2 * phi**3", "k0*phi+k0*k2*phi**3"])
 def test_blanks_in_the_hinge_law_do_not_matter(law: str):
-    assert believed_model(sections(leg={"hinge_torque_Nm": law})).leg.k0_Nm_per_rad == 11.0
+    assert nominal_model(sections(leg={"hinge_torque_Nm": law})).leg.k0_Nm_per_rad == 11.0
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import pytest
 from rfca_rig.analysis.fitting.model_file import fitted_sections
 from rfca_rig.analysis.fitting.parameters import Supposed, space_of
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.description.believed import believed_model
 from rfca_rig.description.model_file import read_model_file, write_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.description.torque_rotation import read_curve, splines_of
 from rfca_rig.errors import BadInput
@@ -49,7 +49,7 @@ def test_the_model_bears_the_torques_of_the_file(tmp_path):
 def test_a_curve_in_a_csv_file_is_the_same_and_counts_from_the_files_folder(tmp_path):
     (tmp_path / "measured.csv").write_text(CSV, encoding="utf-8")
     by_file = read(tmp_path, '\n[leg.torque_rotation]\ncurve = "measured.csv"\n')
-    assert by_file.believed() == read(tmp_path).believed()
+    assert by_file.nominal() == read(tmp_path).nominal()
     assert by_file.known_to == read(tmp_path).known_to
 
 
@@ -87,7 +87,7 @@ def test_rig_file_and_campaign_take_it(tmp_path):
     head = 'format = "rfca-campaign/1"\ntitle = "with a curve"\n'
     (tmp_path / "campaign.toml").write_text("\n\n".join([head, *parts, run]), encoding="utf-8")
     recording = read_campaign(tmp_path)
-    assert believed_model(recording.believed).leg == rig.model().leg
+    assert nominal_model(recording.nominal).leg == rig.model().leg
     assert recording.known_to["k0_relative"] == pytest.approx(BAND)
 
 
@@ -105,7 +105,7 @@ def test_a_fit_scales_the_curve_within_its_band_and_the_file_that_it_writes_hold
     assert space.prior_std[0] == pytest.approx(BAND * file.model().leg.k0_Nm_per_rad)
     moved = space.at(np.array([2.0])).rig
     factor = float(np.exp(2.0 * BAND))
-    sections = fitted_sections(file.believed(), moved)
+    sections = fitted_sections(file.nominal(), moved)
     write_model(tmp_path / "fitted.toml", sections, {"k0_relative": 0.001}, ["fitted"])
     fitted = read_model_file(tmp_path / "fitted.toml")
     assert fitted.leg.torque_rotation is not None

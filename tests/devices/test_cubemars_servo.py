@@ -116,11 +116,11 @@ def test_a_wrong_gear_or_number_of_poles_is_found_out_by_its_motion(wrong: dict,
 
 
 @pytest.mark.parametrize(("true_ms", "believed_ms"), [(10, 2), (2, 10)])
-def test_a_status_period_other_than_configured_is_refused_with_both(true_ms: int, believed_ms: int) -> None:
-    settings = ServoSettings(1, **MOTOR, status_period_s=1e-3 * believed_ms)
+def test_a_status_period_other_than_configured_is_refused_with_both(true_ms: int, configured_ms: int) -> None:
+    settings = ServoSettings(1, **MOTOR, status_period_s=1e-3 * configured_ms)
     with (
         rig(settings=settings, status_period_s=1e-3 * true_ms) as r,
-        pytest.raises(DeviceError, match=f"status frames come every {true_ms} ms, the settings say {believed_ms} ms"),
+        pytest.raises(DeviceError, match=f"status frames come every {true_ms} ms, the settings say {configured_ms} ms"),
     ):
         r.motor.enable()
 

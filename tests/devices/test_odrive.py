@@ -282,11 +282,11 @@ def test_a_message_that_is_not_switched_on_is_named(frames: list[cansimple.Frame
 
 
 @pytest.mark.parametrize(("true_ms", "believed_ms"), [(10, 1), (1, 10)])
-def test_an_encoder_period_other_than_configured_is_refused_with_both(true_ms: int, believed_ms: int) -> None:
-    drive, believed = OdriveTwinSettings(encoder_period_s=1e-3 * true_ms), OdriveSettings(0, encoder_period_s=1e-3 * believed_ms)
+def test_an_encoder_period_other_than_configured_is_refused_with_both(true_ms: int, configured_ms: int) -> None:
+    drive, nominal = OdriveTwinSettings(encoder_period_s=1e-3 * true_ms), OdriveSettings(0, encoder_period_s=1e-3 * configured_ms)
     with (
-        twin_rig(motor=believed, motor_twin=drive) as rig,
-        pytest.raises(DeviceError, match=f"encoder estimates come every {true_ms} ms, the settings say {believed_ms} ms"),
+        twin_rig(motor=nominal, motor_twin=drive) as rig,
+        pytest.raises(DeviceError, match=f"encoder estimates come every {true_ms} ms, the settings say {configured_ms} ms"),
     ):
         rig.motor.enable()
 

@@ -46,7 +46,7 @@ def uneven():
 def strained(one, x):
     """The hypothesis with its first nuisance parameter so many prior deviations away, and all others at their prior means."""
     fitted = one.hypothesis.fitted
-    rest = fitted.as_believed[1:]
+    rest = fitted.at_prior_means[1:]
     return replace(one, hypothesis=replace(one.hypothesis, fitted=replace(fitted, x=np.concatenate([[x], rest]))))
 
 

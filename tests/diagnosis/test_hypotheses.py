@@ -1,4 +1,4 @@
-"""What a believed value explains that nobody believes is left to the effect that does the very same."""
+"""What a nominal value explains that nobody believes is left to the effect that does the very same."""
 
 from dataclasses import replace
 

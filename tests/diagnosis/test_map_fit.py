@@ -19,7 +19,7 @@ HALF = {"contact_stiffness_relative": 0.5}
 
 @pytest.fixture(scope="module")
 def found():
-    """A soft floor fitted to a leg on one, the believed contact known to a half."""
+    """A soft floor fitted to a leg on one, the nominal contact known to a half."""
     dataset = leg_dataset(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
     optimizer = without_scatter(dataset)
     coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO | HALF, 0.0), (EffectTerm(catalogue()["ground_compliance"]),))

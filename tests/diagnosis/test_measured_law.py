@@ -120,8 +120,8 @@ def test_a_stribeck_law_of_another_exponent_is_measured_and_its_model_predicts_n
     assert again.effects[-1].table.values == pytest.approx(law.present.table.values, abs=1e-6)
     body, _ = prepare_data([at_other_heights])
     others = leg_dataset(body.flaps)
-    believed, with_law = (np.std(others.rows.measured - others.predicted(Supposed(rig))) for rig in (body.rig, again))
-    assert with_law < 0.5 * believed
+    nominal, with_law = (np.std(others.rows.measured - others.predicted(Supposed(rig))) for rig in (body.rig, again))
+    assert with_law < 0.5 * nominal
 
 
 @pytest.mark.long

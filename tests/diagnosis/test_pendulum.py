@@ -1,4 +1,4 @@
-"""The diagnosis of pendulums, on recordings of real ones with physics left out of the believed model, and on simulated ones."""
+"""The diagnosis of pendulums, on recordings of real ones with physics left out of the nominal model, and on simulated ones."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +28,7 @@ def diagnosed(campaign):
     return found
 
 
-def believing_friction(campaign):
+def with_nominal_friction(campaign):
     links = tuple(replace(link, joint_friction_Nm=FRICTION_Nm) for link in campaign.pendulum.links)
     return replace(campaign, pendulum=Pendulum(links))
 
@@ -102,7 +102,7 @@ def test_what_is_not_claimed_says_how_much_of_the_held_out_error_it_would_take_a
 
 @pytest.mark.slow
 def test_where_the_friction_is_believed_nothing_is_claimed_of_the_same_recordings():
-    found = diagnosed(believing_friction(read_pendulum_campaign(DATA / "simple")))
+    found = diagnosed(with_nominal_friction(read_pendulum_campaign(DATA / "simple")))
     assert (found.verdict, found.effects) == ("nothing missing", ())
 
 
@@ -239,9 +239,9 @@ def test_effects_of_a_supposed_pendulum_are_in_its_rig():
     assert np.abs(stretch.simulated(shifted) - stretch.simulated(plain)).max() > 0.05
 
 
-@pytest.mark.parametrize("believed", [0.0, 0.01, 0.1])
-def test_a_value_that_is_never_negative_stays_so_and_is_moved_as_asked_where_there_is_room(believed):
-    shift = never_below(believed, 0.01)
-    assert all(believed + shift(by) > 0.0 for by in (-1.0, -0.1, -0.01, 0.0))
+@pytest.mark.parametrize("nominal", [0.0, 0.01, 0.1])
+def test_a_value_that_is_never_negative_stays_so_and_is_moved_as_asked_where_there_is_room(nominal):
+    shift = never_below(nominal, 0.01)
+    assert all(nominal + shift(by) > 0.0 for by in (-1.0, -0.1, -0.01, 0.0))
     assert shift(0.1) == pytest.approx(0.1, abs=1e-3)
     assert shift(0.0) == pytest.approx(0.0, abs=2e-3)

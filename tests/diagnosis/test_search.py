@@ -171,7 +171,7 @@ def test_a_fit_with_implausible_nuisances_starts_again_at_their_prior_means(monk
     astray = replace(state, fits=(far,))
     monkeypatch.setattr(type(astray), "best", property(lambda _: far))
     exchange(astray)
-    assert [start.x.tolist() for start in starts] == [far.as_believed.tolist()]
+    assert [start.x.tolist() for start in starts] == [far.at_prior_means.tolist()]
 
 
 def test_a_set_that_wins_by_its_last_steps_is_compared_with_its_parts_too(monkeypatch):

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.exam.believed import believed_world
 from rfca_rig.exam.engine import Traces, simulate
 from rfca_rig.exam.experiment import STEP_S, stroke_traces
 from rfca_rig.exam.injected_faults import EFFECTS, with_effect
+from rfca_rig.exam.nominal_world import nominal_world
 from rfca_rig.exam.sizes import values_of
 from rfca_rig.exam.world import GRAVITY_M_S2, World, everywhere
 
@@ -17,7 +17,7 @@ AT_REST = np.array([[0.0, 1.0], [0.0, 0.0]])
 
 
 def hanging() -> World:
-    return believed_world(NO_FLOOR_M)
+    return nominal_world(NO_FLOOR_M)
 
 
 def stiff(world: World) -> World:
@@ -88,7 +88,7 @@ def test_damping_takes_energy_away():
 
 @pytest.mark.parametrize("effect", [None, *EFFECTS])
 def test_half_the_step_changes_nothing_that_a_sensor_could_see(effect):
-    world = believed_world(0.215)
+    world = nominal_world(0.215)
     if effect:
         world = with_effect(world, effect, values_of(effect, 1.0, np.random.default_rng(3)))
     once, twice = stroke_traces(world, 3.3), stroke_traces(world, 3.3, step_s=0.5 * STEP_S)
@@ -106,7 +106,7 @@ def test_error_falls_with_the_square_of_the_step():
 
 
 def test_a_rotor_behind_a_stiff_shaft_sags_as_one_on_a_rigid_shaft():
-    rigid = with_effect(believed_world(0.215), "motor_speed_droop", {"kp_Nm_s_per_rad": 5.0, "ki_Nm_per_rad": 40.0})
+    rigid = with_effect(nominal_world(0.215), "motor_speed_droop", {"kp_Nm_s_per_rad": 5.0, "ki_Nm_per_rad": 40.0})
     twisted = replace(rigid, drive=replace(rigid.drive, shaft_Nm_per_rad=3000.0, shaft_Nm_s_per_rad=3.0))
     one, two = stroke_traces(rigid, 2.4), stroke_traces(twisted, 2.4)
     until = one.t_s < one.t_s[np.argmin(-one.force_d_N)]
@@ -117,7 +117,7 @@ def test_a_rotor_behind_a_stiff_shaft_sags_as_one_on_a_rigid_shaft():
 
 
 def test_a_twisted_shaft_bends_by_the_torque_over_its_stiffness():
-    world = with_effect(believed_world(NO_FLOOR_M), "shaft_compliance", {"stiffness_Nm_per_rad": 50.0})
+    world = with_effect(nominal_world(NO_FLOOR_M), "shaft_compliance", {"stiffness_Nm_per_rad": 50.0})
     traces = simulate(world, AT_REST, np.array([12.0]))
     assert traces.motor_angle_rad[0] - traces.bent_rad[0, 0] == pytest.approx(traces.leg_torque_Nm[0] / 50.0, rel=1e-6)
 

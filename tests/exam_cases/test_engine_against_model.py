@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.valley import Valley, find_valley
-from rfca_rig.exam.believed import BELOW_SHAFT_M, LENGTHS_M, MASSES_KG, RAMP_S, START_RAD, believed_world
 from rfca_rig.exam.engine import RELEASED_S, simulate
 from rfca_rig.exam.experiment import HOLD_S, LOADING_RAD, MOVE_RAD_S, STEP_S, staged, stroke_traces
 from rfca_rig.exam.injected_faults import EFFECTS, with_effect
+from rfca_rig.exam.nominal_world import BELOW_SHAFT_M, LENGTHS_M, MASSES_KG, RAMP_S, START_RAD, nominal_world
 from rfca_rig.exam.sensor import felt
 from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount, Swing
 from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, staged_motion
@@ -69,7 +69,7 @@ def rig(effect: str | None) -> RigModel:
 
 
 def both(effect: str | None):
-    world = replace(believed_world(HEIGHT_M), strokes_before=STROKES_BEFORE)
+    world = replace(nominal_world(HEIGHT_M), strokes_before=STROKES_BEFORE)
     traces = stroke_traces(with_effect(world, effect, VALUES[effect]) if effect else world, SPEED_RAD_S)
     fy, fz, tx = felt(with_effect(world, effect, VALUES[effect]) if effect else world, traces)
     model = stroke_at_speed(rig(effect), HEIGHT_M, SPEED_RAD_S, traces.t_s, strokes_before=(STROKES_BEFORE,))
@@ -115,7 +115,7 @@ def test_static_stages_agree():
     from rfca_rig.exam.experiment import HOLD_S, LOADING_RAD, MOVE_RAD_S, UNLOADING_RAD, static_table
     from rfca_rig.model.static_stages import StageMoves, static_stages
 
-    mine = static_table(believed_world(HEIGHT_M), 215.0, 0.0075, np.random.default_rng(1))
+    mine = static_table(nominal_world(HEIGHT_M), 215.0, 0.0075, np.random.default_rng(1))
     theirs = static_stages(rig(None), HEIGHT_M, (*LOADING_RAD, *UNLOADING_RAD), StageMoves(MOVE_RAD_S, 0.0075, HOLD_S))
     off = np.array([(a.fy_N - b.fy_N, a.fz_N - b.fz_N, 10.0 * (a.tx_Nm - b.tx_Nm)) for a, b in zip(mine, theirs, strict=True)])
     hinges = np.array([np.array(a.hinge_deg) - np.degrees(b.hinge_angles_rad) for a, b in zip(mine, theirs, strict=True)])
@@ -126,7 +126,7 @@ def test_static_stages_agree():
 def test_an_arm_relaxes_alike_from_stage_to_stage(monkeypatch):
     """On a floor without friction, which would hold the tip as it was thrown back; both legs are released straight."""
     monkeypatch.setitem(VALUES, "spring_relaxation", {"strength_relative": 0.3, "time_constant_s": 2.0})
-    smooth = believed_world(HEIGHT_M)
+    smooth = nominal_world(HEIGHT_M)
     smooth = replace(smooth, floor=replace(smooth.floor, mu=0.0))
     knots, read_s = staged(START_RAD, LOADING_RAD, 0.0075)
     creeping = with_effect(smooth, "spring_relaxation", VALUES["spring_relaxation"])

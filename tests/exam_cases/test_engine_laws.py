@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from rfca_rig.exam.believed import believed_world
 from rfca_rig.exam.engine import _floor
 from rfca_rig.exam.engine_drive import CYCLES, RIPPLE, START, asked_speed, rippled
 from rfca_rig.exam.engine_floor import BUMP, BUMP_AT, BUMP_WIDTH, LEVER, LEVER_POWER, elevation, less_lever, normal_force
 from rfca_rig.exam.engine_hinge import arm, dahl, loop
+from rfca_rig.exam.nominal_world import nominal_world
 
 
 def test_dry_friction_is_full_after_a_finite_way_and_turns_with_the_direction():
@@ -41,7 +41,7 @@ def test_dashpot_relaxes_exponentially_after_a_step():
 
 
 def test_normal_force_is_the_campaigns_law():
-    floor = _floor(believed_world(0.215))
+    floor = _floor(nominal_world(0.215))
     assert normal_force(floor, 4e-3, 0.0) == pytest.approx(1e5 * 4e-3**1.5)
     assert normal_force(floor, 4e-3, 0.5) == pytest.approx(1.5 * 1e5 * 4e-3**1.5)
     assert normal_force(floor, 4e-3, -0.5) == pytest.approx(0.5 * 1e5 * 4e-3**1.5)
@@ -50,14 +50,14 @@ def test_normal_force_is_the_campaigns_law():
 
 @pytest.mark.parametrize("power", [1.0, 0.8, 1.25])
 def test_friction_acts_higher_in_a_deeper_print_by_a_share_of_a_typical_depth(power):
-    floor = _floor(believed_world(0.215))
+    floor = _floor(nominal_world(0.215))
     floor[LEVER], floor[LEVER_POWER] = 0.5, power
     assert less_lever(floor, 3e-3) == pytest.approx(1.5e-3)
     assert less_lever(floor, 12e-3) == pytest.approx(1.5e-3 * 4.0**power)
 
 
 def test_a_bump_has_its_own_slope():
-    floor = _floor(believed_world(0.215))
+    floor = _floor(nominal_world(0.215))
     floor[BUMP], floor[BUMP_AT], floor[BUMP_WIDTH] = 2e-3, 0.1, 0.02
     rise, slope = elevation(floor, 0.11)
     assert slope == pytest.approx((elevation(floor, 0.11 + 1e-6)[0] - elevation(floor, 0.11 - 1e-6)[0]) / 2e-6, rel=1e-6)

@@ -12,11 +12,11 @@ from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.cli.lines import WIDTH
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam import cases
-from rfca_rig.exam.believed import OffBy
 from rfca_rig.exam.cases import Case, drawn_cases
 from rfca_rig.exam.designs import Design
 from rfca_rig.exam.experiment import stroke_traces
 from rfca_rig.exam.injected_faults import EFFECTS
+from rfca_rig.exam.nominal_world import OffBy
 from rfca_rig.exam.sampled_rig import Scatter, world_of
 from rfca_rig.exam.score import score
 from rfca_rig.exam.scoring import mark, wording

@@ -127,12 +127,12 @@ def test_one_scale_of_the_torque_multiplies_another():
     assert swing(DOUBLE, trace, START, SPEED, T, twice).angle_rad == pytest.approx(once, abs=1e-9)
 
 
-@pytest.mark.parametrize("believed", [True, False], ids=["believed", "as an effect"])
-def test_dry_friction_takes_twice_its_torque_over_the_weight_off_each_swing(believed):
+@pytest.mark.parametrize("nominal", [True, False], ids=["believed", "as an effect"])
+def test_dry_friction_takes_twice_its_torque_over_the_weight_off_each_swing(nominal):
     friction, start = 0.01, 0.1
     period = 2 * np.pi * np.sqrt(0.11 / WEIGHT_Nm)
-    pendulum = Pendulum((PendulumLink(0.5, 0.6, 0.4, 0.11, joint_friction_Nm=friction),)) if believed else SINGLE
-    effects = {} if believed else {"joint_friction": {"torque_Nm": friction}}
+    pendulum = Pendulum((PendulumLink(0.5, 0.6, 0.4, 0.11, joint_friction_Nm=friction),)) if nominal else SINGLE
+    effects = {} if nominal else {"joint_friction": {"torque_Nm": friction}}
     angle = let_go(pendulum, start, np.arange(1, 10) * period / 2, **effects).angle_rad[:, 0]
     peaks = [(-1) ** swings * (start - 2 * swings * friction / WEIGHT_Nm) for swings in (1, 2, 3, 4, 5)]
     assert angle[:5] == pytest.approx(peaks, abs=1.5e-3)

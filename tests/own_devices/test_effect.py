@@ -26,7 +26,7 @@ def test_a_run_whose_twin_has_it_and_whose_model_believes_it(tmp_path, monkeypat
     rig.write_text(rig.read_text() + NAMED)
     assert typed(monkeypatch, capsys, "dynamic", "run", "--rig", rig, *RUN).exit_code == 0
     recording = read_recording(Path("runs") / "SIM-flapping-215-mm-3.249-rad-per-s-001" / "run.h5")
-    assert recording.believed["effects"][0]["id"] == "cubic_damping"
+    assert recording.nominal["effects"][0]["id"] == "cubic_damping"
     assert recording.provenance["effect_cubic_damping_file"] == (EXAMPLES / "effects" / "our_effect.py").read_text()
     t_s, fz_N = recording.strokes[0].channel("fz_N")
     assert t_s[fz_N.argmin()] == pytest.approx(0.831, abs=0.03)

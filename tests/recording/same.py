@@ -8,7 +8,7 @@ from rfca_rig.recording.model import Recording, Stream
 
 
 def assert_same(one: Recording, other: Recording) -> None:
-    for name in ("title", "source", "believed", "known_to", "provenance"):
+    for name in ("title", "source", "nominal", "known_to", "provenance"):
         assert getattr(one, name) == getattr(other, name), name
     assert repr(one.static) == repr(other.static)
     assert [(raw.label, raw.height_m, raw.cut_short) for raw in one.raw] == [(raw.label, raw.height_m, raw.cut_short) for raw in other.raw]

@@ -37,7 +37,7 @@ def recording(strokes: int = 3, stages: int = 3) -> Recording:
     return Recording(
         title="Flügel 1",
         source="SIM",
-        believed={"leg": {"link_lengths_mm": [54.0, 39.333], "k0_Nm_per_rad": 0.1 + 0.2}, "ground": {"friction_coefficient": 1}},
+        nominal={"leg": {"link_lengths_mm": [54.0, 39.333], "k0_Nm_per_rad": 0.1 + 0.2}, "ground": {"friction_coefficient": 1}},
         known_to={"height_mm": 0.2},
         strokes=tuple(stroke(k) for k in range(1, strokes + 1)),
         static=tuple(stage(k) for k in range(1, stages + 1)),

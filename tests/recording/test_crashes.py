@@ -66,7 +66,7 @@ def recovered(folder: Path) -> Recording:
     found = read_recording(run_folder.build(folder))
     assert all(finding.is_sound for finding in check_run(folder)), list(check_run(folder))
     assert not [file for file in folder.rglob("*") if file.suffix in (".writing", ".journal") or file.name == ".ballast"]
-    return replace(found, believed={}, known_to={}, provenance={})
+    return replace(found, nominal={}, known_to={}, provenance={})
 
 
 def first_stages(whole: Recording, count: int) -> Recording:

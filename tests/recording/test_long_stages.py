@@ -52,7 +52,7 @@ def test_a_stage_of_several_pieces_is_what_was_handed_over(tmp_path: Path):
     (stage,) = stage_files(tmp_path / "run")
     for path in (stage, run_folder.build(tmp_path / "run")):
         found = read_recording(path)
-        assert_same(replace(found, believed=expected.believed, known_to=expected.known_to, provenance=expected.provenance), expected)
+        assert_same(replace(found, nominal=expected.nominal, known_to=expected.known_to, provenance=expected.provenance), expected)
     assert tally_of(stage).samples == {"shaft": sum(range(len(LENGTHS))), "force": sum(LENGTHS)}
 
 

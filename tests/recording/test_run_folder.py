@@ -31,13 +31,13 @@ def finished(folder: Path, count: int = 4) -> Path:
 
 
 def without_words(found):
-    return replace(found, believed={}, known_to={}, provenance={})
+    return replace(found, nominal={}, known_to={}, provenance={})
 
 
 def test_what_was_handed_over_block_by_block_is_the_recording(tmp_path: Path):
     found = read_recording(finished(tmp_path / "run"))
     assert_same(without_words(found), expected(4))
-    assert (found.believed, found.known_to) == (header().believed, header().known_to)
+    assert (found.nominal, found.known_to) == (header().nominal, header().known_to)
     assert (found.provenance["ended"], found.provenance["seed"]) == ("done", "7")
 
 
@@ -162,7 +162,7 @@ def older_partial(folder: Path) -> Path:
     """What an older version left of a run that was interrupted after one stroke and one stage."""
     path = folder / "run.h5"
     partial_of(path).mkdir(parents=True)
-    bare = replace(recording(0, 0), believed={}, known_to={}, provenance={})
+    bare = replace(recording(0, 0), nominal={}, known_to={}, provenance={})
     for number, part in enumerate([recording(0, 0), replace(bare, strokes=(stroke(1),)), replace(bare, static=(stage(1),))]):
         write_recording(part, partial_of(path) / f"{number:05d}.h5")
     (partial_of(path) / "00003.h5.writing").write_bytes(b"half")

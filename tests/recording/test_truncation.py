@@ -81,7 +81,7 @@ def survives(crashed: Path, copy: Path, kind: str, share: float) -> None:
 
 def assert_whole(found: Recording) -> None:
     """The acknowledged stages to the last bit, and of the third no more than its first samples."""
-    recorded = replace(found, believed={}, known_to={}, provenance={})
+    recorded = replace(found, nominal={}, known_to={}, provenance={})
     cut_short = [raw for raw in found.raw if raw.cut_short]
     assert_same(replace(recorded, raw=tuple(raw for raw in found.raw if not raw.cut_short)), expected(ACKNOWLEDGED))
     assert len(cut_short) <= 1

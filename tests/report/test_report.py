@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from rfca_rig.description.believed import believed_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import RigError
 from rfca_rig.model.stroke import stroke_at_speed
 from rfca_rig.report.provenance import Origin, Recorded
@@ -87,7 +87,7 @@ def test_latex_has_every_row_and_balanced_columns(mixed):
 def impact(repeat, factor, **options):
     """A stroke of the paper's impact test by the model, its forces times `factor`."""
     t_s = traces.even(2000.0, end_s=0.25)  # as the simulation; a sample beside the peak has another fy
-    simulated = stroke_at_speed(believed_model(BELIEVED), 0.155, 15.0, t_s)
+    simulated = stroke_at_speed(nominal_model(BELIEVED), 0.155, 15.0, t_s)
     condition = {"height_m": 0.155, "speed_rad_s": 15.0, "repeat": repeat, **options}
     return traces.stroke(t_s, factor * simulated.fz_N, **condition, fy_N=factor * simulated.fy_N, shaft_angle_rad=simulated.shaft_angle_rad)
 
@@ -229,7 +229,7 @@ def test_sources_stay_apart_with_their_names_and_models(tmp_path):
 
 def test_a_given_model_takes_the_place_of_the_believed_one(tmp_path):
     slippery = {**BELIEVED, "ground": {**BELIEVED["ground"], "friction_coefficient": 0.2}}
-    folder = written(tmp_path, recording(strokes()), given=GivenModel("slippery.toml", believed_model(slippery)))
+    folder = written(tmp_path, recording(strokes()), given=GivenModel("slippery.toml", nominal_model(slippery)))
     assert table(folder)["average"]["force_error_pct"] > 5.0
     text = Outline((folder / "report.html").read_text()).text
     assert "The model in slippery.toml, given for this report" in text

@@ -100,7 +100,7 @@ def test_a_campaign_from_elsewhere_tells_what_it_holds():
 
 
 def test_a_recording_that_believes_nothing_has_no_expectation():
-    nothing = replace(recording(static=stages()), believed={})
+    nothing = replace(recording(static=stages()), nominal={})
     _, text, story = shown(nothing)
     assert "No force was recorded" in text and story.rig is None
 

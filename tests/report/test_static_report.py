@@ -14,8 +14,8 @@ import pytest
 from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.errors import RigError
-from rfca_rig.exam.believed import believed_world
 from rfca_rig.exam.injected_faults import with_effect
+from rfca_rig.exam.nominal_world import nominal_world
 from rfca_rig.report.static_source import StaticSource, static_sources
 from rfca_rig.report.static_writing import write_static_report
 from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording
@@ -102,7 +102,7 @@ def test_a_stage_that_lacks_an_angle_has_no_bend(tmp_path, quiet):
 
 
 def test_a_law_that_fails_is_told_first_and_drawn_second(tmp_path):
-    world = with_effect(believed_world(0.215), "hinge_backlash", {"half_gap_deg": 1.2})
+    world = with_effect(nominal_world(0.215), "hinge_backlash", {"half_gap_deg": 1.2})
     _, page = written(tmp_path, noisy(by_exam(world), np.random.default_rng(5)))
     text = Outline(page, NEVER).text
     assert "The law k₀ (φ + k₂ φ³) does not hold: splines fit better" in text
@@ -132,7 +132,7 @@ def test_photos_are_shrunk_into_the_page_and_missing_ones_are_said(tmp_path, qui
 
 
 def test_hinges_that_soften_leave_no_model_behind(tmp_path, quiet):
-    world = believed_world(0.215)
+    world = nominal_world(0.215)
     softening = by_exam(replace(world, hinges=replace(world.hinges, k0_Nm_per_rad=(14.0,) * 6, k2_per_rad2=(-0.7,) * 6)))
     (tmp_path / "model.toml").write_text("of an earlier report")
     _, page = written(tmp_path, noisy(softening, np.random.default_rng(1)))

@@ -199,7 +199,7 @@ def _put_together(folder: Path, fidelity: Fidelity, watchdog_s: float | None, ra
 
 
 def _keeper(folder: Path) -> DirectKeeper:
-    run_folder.create(folder, Recording("a run", "SIM", twin_rig().believed(), {}, (), ()))
+    run_folder.create(folder, Recording("a run", "SIM", twin_rig().nominal(), {}, (), ()))
     return DirectKeeper(folder)
 
 

@@ -60,7 +60,7 @@ def watched(queue_bytes: int = 1 << 20, given: Plan | None = None) -> Iterator[W
     queue = BlockQueue.create(queue_bytes)
     try:
         run_queue = RunQueue(queue, plan.stages, stop_request, clock, lambda: (StreamHealth(received=7, lost=2), 1000), told.append)
-        source = LiveSource(run_facts(plan, "SIM", SCALE, rig.believed()), queue, clock, Legs(rig.believed()))
+        source = LiveSource(run_facts(plan, "SIM", SCALE, rig.nominal()), queue, clock, Legs(rig.nominal()))
         yield Watched(run_queue, LiveRun(source), stop_request, told, clock, plan)
     finally:
         queue.remove()

@@ -26,7 +26,7 @@ RIG = twin_rig()
 def viewed(bench, plan, port=0):
     """A view, which is gone afterwards however long it would have stayed."""
     stop_request, told = StopRequest(), []
-    facts = run_facts(plan, "SIM", bench.sensor.scale(), RIG.believed())
+    facts = run_facts(plan, "SIM", bench.sensor.scale(), RIG.nominal())
     view = LiveView(facts, plan, stop_request, lambda: (bench.sensor.health(), 0), told.append, port)
     try:
         yield view, Supervision(stop_request=stop_request, observer=view.run_queue), told

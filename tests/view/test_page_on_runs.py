@@ -118,7 +118,7 @@ def replayed(path: Path) -> Iterator[str]:
     async def served() -> None:
         over.append((asyncio.get_running_loop(), asyncio.Event()))
         begun.set()
-        await serve(Replay(stored, Legs(stored.believed), WallClock()), "t" * 32, listening, over[0][1], lambda _pages: True)
+        await serve(Replay(stored, Legs(stored.nominal), WallClock()), "t" * 32, listening, over[0][1], lambda _pages: True)
 
     thread = threading.Thread(target=asyncio.run, args=(served(),), daemon=True)
     thread.start()

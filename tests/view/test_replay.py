@@ -26,7 +26,7 @@ class Shown:
 
     def __init__(self, stored, has_shapes=False):
         self.clock = TwinClock()
-        legs = Legs(stored.believed)
+        legs = Legs(stored.nominal)
         self.replay = Replay(stored, legs, self.clock)
         if has_shapes:
             legs.prepare([clip.scene for clip in self.replay.player.clips if clip.kind == "hold"][:1])

@@ -161,14 +161,14 @@ def _covariance(residuals: Residuals, best: OptimizeResult) -> tuple[Floats, str
 
 def _result(residuals: Residuals, best: OptimizeResult) -> FitResult:
     rows = residuals.data_rows
-    believed = residuals(np.zeros(len(best.x)))
+    nominal = residuals(np.zeros(len(best.x)))
     covariance, errors_from = _covariance(residuals, best)
     return FitResult(
         space=residuals.space,
         x=best.x,
         covariance=covariance,
         at_bound=best.active_mask != 0,
-        chi2_before=float(believed[:rows] @ believed[:rows]),
+        chi2_before=float(nominal[:rows] @ nominal[:rows]),
         chi2=float(best.fun[:rows] @ best.fun[:rows]),
         residuals=rows,
         strokes=int(residuals.problem.stroke_of_row.max()) + 1,

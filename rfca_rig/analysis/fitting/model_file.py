@@ -15,37 +15,37 @@ HEIGHT_OFFSET = "height_offset"
 
 
 def write_model_file(
-    path: Path, result: FitResult, believed: Mapping[str, Any], known_to: Mapping[str, Any], sources: Iterable[str]
+    path: Path, result: FitResult, nominal: Mapping[str, Any], known_to: Mapping[str, Any], sources: Iterable[str]
 ) -> None:
-    """Writes the fitted model, all or nothing; `believed` and `known_to` are the sections it began from, `sources` name the recordings.
+    """Writes the fitted model, all or nothing; `nominal` and `known_to` are the sections it began from, `sources` name the recordings.
 
     Raises RigError where the disk refuses.
     """
     supposed = result.supposed
-    sections = fitted_sections(believed, supposed.rig, supposed.height_offset_m)
+    sections = fitted_sections(nominal, supposed.rig, supposed.height_offset_m)
     comments = [*(f"Fitted to {source}" for source in sources), *result.lines(), *_remarks(result)]
     write_model(path, sections, fitted_known_to(known_to, result), comments)
 
 
-def fitted_sections(believed: Mapping[str, Any], rig: RigModel, height_offset_m: float = 0.0) -> dict[str, Any]:
-    """The sections leg, ground, sensor, drive and effects with the numbers of `rig`; what the model does not know is kept from `believed`.
+def fitted_sections(nominal: Mapping[str, Any], rig: RigModel, height_offset_m: float = 0.0) -> dict[str, Any]:
+    """The sections leg, ground, sensor, drive and effects with the numbers of `rig`; what the model does not know is kept from `nominal`.
 
     A rack that stands higher than it was said to becomes the effect that says so.
     """
     leg, ground = rig.leg, rig.ground
     return {
         "leg": {
-            **believed["leg"],
+            **nominal["leg"],
             "link_lengths_mm": [1e3 * length_m for length_m in leg.link_lengths_m],
             "link_masses_g": [1e3 * mass_kg for mass_kg in leg.link_masses_kg],
             "link_radius_mm": 1e3 * leg.link_radius_m,
-            **_springs(believed["leg"], leg),
+            **_springs(nominal["leg"], leg),
             "hinge_damping_Nm_s_per_rad": leg.hinge_damping_Nm_s_per_rad,
             "start_angle_rad": leg.start_angle_rad,
             **({"rest_angles_deg": [math.degrees(rest_rad) for rest_rad in leg.rest_angles_rad]} if leg.rest_angles_rad else {}),
         },
         "ground": {
-            **believed["ground"],
+            **nominal["ground"],
             "contact_stiffness_N_per_m1p5": ground.stiffness_N_per_m1p5,
             "contact_damping_s_per_m": ground.damping_s_per_m,
             "friction_coefficient": ground.friction_coefficient,
@@ -55,16 +55,16 @@ def fitted_sections(believed: Mapping[str, Any], rig: RigModel, height_offset_m:
             "friction_rise_share": ground.friction_rise_share,
             "leaving_damping_share": ground.leaving_damping_share,
         },
-        "sensor": {**believed["sensor"], "below_shaft_mm": 1e3 * rig.sensor.below_shaft_m},
-        "drive": {**believed["drive"], "ramp_s": rig.drive.ramp_s},
+        "sensor": {**nominal["sensor"], "below_shaft_mm": 1e3 * rig.sensor.below_shaft_m},
+        "drive": {**nominal["drive"], "ramp_s": rig.drive.ramp_s},
         "effects": _effects(rig, 1e3 * height_offset_m),
     }
 
 
-def _springs(believed: Mapping[str, Any], leg: Leg) -> dict[str, Any]:
+def _springs(nominal: Mapping[str, Any], leg: Leg) -> dict[str, Any]:
     """k0 and k2, or the curve with the factor that a fit put on it."""
     if leg.torque_splines:
-        return {"torque_rotation": scaled_keys(believed["torque_rotation"], leg.k0_Nm_per_rad)}
+        return {"torque_rotation": scaled_keys(nominal["torque_rotation"], leg.k0_Nm_per_rad)}
     return {"k0_Nm_per_rad": leg.k0_Nm_per_rad, "k2_per_rad2": leg.k2_per_rad2}
 
 
@@ -76,9 +76,9 @@ def _effects(rig: RigModel, offset_mm: float) -> list[dict[str, Any]]:
     ]
     if not offset_mm:
         return effects
-    believed_mm = sum(dict(present.values)["offset_mm"] for present in rig.effects if present.id == HEIGHT_OFFSET)
+    nominal_mm = sum(dict(present.values)["offset_mm"] for present in rig.effects if present.id == HEIGHT_OFFSET)
     others = [effect for effect in effects if effect["id"] != HEIGHT_OFFSET]
-    return [*others, {"id": HEIGHT_OFFSET, "parameters": {"offset_mm": believed_mm + offset_mm}}]
+    return [*others, {"id": HEIGHT_OFFSET, "parameters": {"offset_mm": nominal_mm + offset_mm}}]
 
 
 def fitted_known_to(known_to: Mapping[str, Any], result: FitResult) -> dict[str, float]:

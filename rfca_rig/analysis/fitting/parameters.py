@@ -1,4 +1,4 @@
-"""What can be fitted: every number of the believed model, the height of the rack, and the angle at which the shaft starts."""
+"""What can be fitted: every number of the nominal model, the height of the rack, and the angle at which the shaft starts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""What a fit found, and how far it can be believed."""
+"""What a fit found, and how far it can be trusted."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -42,7 +42,7 @@ class FittedParameter:
 
     name: str
     unit: str
-    believed: float
+    nominal: float
     prior_std: float | None
     value: float
     std: float
@@ -102,7 +102,7 @@ class FitResult:
         return FittedParameter(
             name=parameter.name,
             unit=parameter.unit,
-            believed=float(self.space.centres[i]),
+            nominal=float(self.space.centres[i]),
             prior_std=float(self.space.prior_std[i]) if has_prior else None,
             value=value,
             std=std,
@@ -123,7 +123,7 @@ class FitResult:
         """Everything as plain data, for JSON."""
         return {
             "format": "rfca-fit/1",
-            "parameters": [vars(parameter) for parameter in self.parameters],
+            "parameters": [{"believed" if name == "nominal" else name: of for name, of in vars(p).items()} for p in self.parameters],
             "correlation": [[round(float(c), 4) for c in row] for row in self.correlation],
             "chi2_before": self.chi2_before,
             "chi2": self.chi2,
@@ -141,7 +141,7 @@ class FitResult:
     def lines(self) -> list[str]:
         """The same for a person."""
         return [
-            f"{'parameter':<19}{'believed':>11}{'prior std':>10}{'fitted':>11}{'std':>9}{'shift':>8}  unit",
+            f"{'parameter':<19}{'nominal':>11}{'prior std':>10}{'fitted':>11}{'std':>9}{'shift':>8}  unit",
             *(_line(parameter) for parameter in self.parameters),
             f"chi2 {self.chi2_before:.0f} -> {self.chi2:.0f} for {self.residuals} values of {self.strokes} strokes; {self.errors_from}",
             *([f"from stroke to stroke: {_deviations(self.scatter)}"] if self.scatter else []),
@@ -156,7 +156,7 @@ class FitResult:
 
 def _line(p: FittedParameter) -> str:
     prior = "none" if p.prior_std is None else f"{p.prior_std:.3g}"
-    return f"{p.name:<19}{p.believed:>11.5g}{prior:>10}{p.value:>11.5g}{p.std:>9.2g}{p.shift_in_std:>+8.2f}  {p.unit}".rstrip()
+    return f"{p.name:<19}{p.nominal:>11.5g}{prior:>10}{p.value:>11.5g}{p.std:>9.2g}{p.shift_in_std:>+8.2f}  {p.unit}".rstrip()
 
 
 def _deviations(scatter: Mapping[str, float]) -> str:

@@ -61,7 +61,7 @@ class Residuals:
             return (ahead - here) / STEP
         if here is not None and behind is not None:
             return (here - behind) / STEP
-        raise SimulationFailed(f"the model cannot be computed around {self.space.names[i]}; are the believed values right?")
+        raise SimulationFailed(f"the model cannot be computed around {self.space.names[i]}; are the nominal values right?")
 
     @property
     def data_rows(self) -> int:

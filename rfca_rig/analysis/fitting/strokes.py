@@ -1,4 +1,4 @@
-"""Fits a recording's believed model to its strokes, and the model to valleys that others published."""
+"""Fits a recording's nominal model to its strokes, and the model to valleys that others published."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +12,7 @@ from rfca_rig.analysis.fitting.result import FitResult
 from rfca_rig.analysis.fitting.scatter import USUAL
 from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.repeats import conditions_of
-from rfca_rig.description.believed import believed_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.recording.model import Recording, Stroke
@@ -35,10 +35,10 @@ def fit_recordings(
     start. Raises BadInput where the recordings cannot be used together or at all, SimulationFailed.
     """
     comparison = comparison or Comparison()
-    believed, known_to = _common(recordings)
-    rig = believed_model(believed)
+    nominal, known_to = _common(recordings)
+    rig = nominal_model(nominal)
     strokes = [stroke for recording in recordings for stroke in recording.strokes]
-    noise_std = believed["sensor"].get("noise_std") or {}
+    noise_std = nominal["sensor"].get("noise_std") or {}
     problem = problem_of(conditions_of(strokes), rig.drive.ramp_s, noise_std, comparison.shaft, comparison.window)
     centre = Supposed(_starting_as_recorded(rig, strokes) if comparison.shaft == "recorded" else rig)
     result = fit(problem, space_of(names, centre, known_to), search, USUAL)
@@ -48,9 +48,9 @@ def fit_recordings(
 def _common(recordings: Sequence[Recording]) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     first = recordings[0]
     for other in recordings[1:]:
-        if other.believed != first.believed or other.known_to != first.known_to:
+        if other.nominal != first.nominal or other.known_to != first.known_to:
             raise BadInput(f"{other.title!r} believes other values of the rig than {first.title!r}; fit them one by one")
-    return first.believed, first.known_to
+    return first.nominal, first.known_to
 
 
 def _starting_as_recorded(rig: RigModel, strokes: Sequence[Stroke]) -> RigModel:

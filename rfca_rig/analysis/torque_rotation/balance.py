@@ -94,8 +94,8 @@ class Balance:
 
     def rest_rad(self, p: Floats) -> Floats:
         """(h,) the angles at which the hinges bear nothing: as believed, and what they are off."""
-        believed = np.array(self.rig.leg.rest_angles_rad or (0.0,) * (self.L.size - 1))
-        return believed + [self.systematic_error(p, rest_name(hinge)) for hinge in range(believed.size)]
+        nominal = np.array(self.rig.leg.rest_angles_rad or (0.0,) * (self.L.size - 1))
+        return nominal + [self.systematic_error(p, rest_name(hinge)) for hinge in range(nominal.size)]
 
     def mended(self, z: Floats, p: Floats, recording: NDArray[np.intp]) -> Floats:
         """What was measured, less what zeros and tares shift it by, and less the sensor's gain."""
@@ -142,9 +142,9 @@ class _Conditions:
         self.g, self.slack = np.zeros((len(z), R)), np.zeros((len(z), R))
         self.by_z, self.by_c, self.by_p = (np.zeros((len(z), R, columns)) for columns in (self.h + 4, 2 * self.T, p.size))
         self.deep_m, self.F = c[:, : self.T], c[:, self.T :]
-        believed = balance.rig.ground.stiffness_N_per_m1p5
-        stiffness = believed * np.exp(balance.systematic_error(p, "contact"))
-        round_m = 0.5 * (LEAST_N / believed) ** (2.0 / 3.0)  # rounds the corner where an end begins to press
+        nominal = balance.rig.ground.stiffness_N_per_m1p5
+        stiffness = nominal * np.exp(balance.systematic_error(p, "contact"))
+        round_m = 0.5 * (LEAST_N / nominal) ** (2.0 / 3.0)  # rounds the corner where an end begins to press
         far_m = np.hypot(self.deep_m, round_m)
         root = np.sqrt(0.5 * (self.deep_m + far_m))
         self.N, self.N_deep = stiffness * root**3, 0.75 * stiffness * root * (1.0 + self.deep_m / far_m)

@@ -12,8 +12,8 @@ from rfca_rig.analysis.torque_rotation.bases import ThroughRest
 from rfca_rig.analysis.torque_rotation.checks import FormCheck, RestAngles
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
-from rfca_rig.description.believed import believed_model
 from rfca_rig.description.model_file import write_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.description.sections import SOFTEST_K2, TorqueRotationSection
 from rfca_rig.description.torque_rotation import relative_std, with_curve, with_law
 from rfca_rig.model.parameters import RigModel
@@ -32,27 +32,27 @@ def can_curve_be_written(result: StaticResult) -> bool:
 
 
 def write_calibration(
-    path: Path, result: StaticResult, believed: Mapping[str, Any], known_to: Mapping[str, Any], sources: Sequence[str]
+    path: Path, result: StaticResult, nominal: Mapping[str, Any], known_to: Mapping[str, Any], sources: Sequence[str]
 ) -> None:
-    """The believed model with the recovered k0, k2 and rest angles, and how well they are known now; all or nothing.
+    """The nominal model with the recovered k0, k2 and rest angles, and how well they are known now; all or nothing.
 
     Where the law does not hold they are known no better than it departs from the measured curve. Raises RigError where the disk refuses.
     """
     values, rests = result.values, result.rests[0]
-    leg = with_law(believed["leg"], values.k0_Nm_per_rad, values.k2_per_rad2)
-    sections = _sections({**believed, "leg": leg}, result.rig, rests)
+    leg = with_law(nominal["leg"], values.k0_Nm_per_rad, values.k2_per_rad2)
+    sections = _sections({**nominal, "leg": leg}, result.rig, rests)
     write_model(path, sections, _stated(known_to) | _known_to(result) | _rest_known_to(rests), _comments(result, sources))
 
 
-def write_curve(path: Path, result: StaticResult, believed: Mapping[str, Any], known_to: Mapping[str, Any], sources: Sequence[str]) -> None:
-    """The believed model with the measured curve and its covariance in place of k0 and k2; all or nothing.
+def write_curve(path: Path, result: StaticResult, nominal: Mapping[str, Any], known_to: Mapping[str, Any], sources: Sequence[str]) -> None:
+    """The nominal model with the measured curve and its covariance in place of k0 and k2; all or nothing.
 
     `k0_relative` is the root mean square of the curve's band over that of its torques: how far a fit may scale the curve. Where splines
     that bear a torque at rest fit better than chance allows, it is no smaller than these are apart. Raises RigError where the disk refuses.
     """
     keys, rests = curve_keys(result), result.rests[1]
     band = relative_std(TorqueRotationSection.model_validate(keys))
-    sections = _sections({**believed, "leg": with_curve(believed["leg"], keys)}, result.rig, rests)
+    sections = _sections({**nominal, "leg": with_curve(nominal["leg"], keys)}, result.rig, rests)
     apart = 0.0 if result.model_form.holds else abs(result.model_form.apart_relative)
     known = {key: value for key, value in _stated(known_to).items() if key not in ("k0_relative", "k2_relative")}
     known["k0_relative"] = float(np.hypot(band or 0.0, apart))
@@ -70,11 +70,11 @@ def curve_keys(result: StaticResult) -> dict[str, Any]:
     }
 
 
-def _sections(believed: Mapping[str, Any], rig: RigModel, rests: RestAngles | None) -> dict[str, Any]:
-    leg = believed_model(believed).leg
+def _sections(nominal: Mapping[str, Any], rig: RigModel, rests: RestAngles | None) -> dict[str, Any]:
+    leg = nominal_model(nominal).leg
     if rests is not None:
         leg = replace(leg, rest_angles_rad=tuple(rests.rest_rad.tolist()))
-    return fitted_sections(believed, replace(rig, leg=leg))
+    return fitted_sections(nominal, replace(rig, leg=leg))
 
 
 def _stated(known_to: Mapping[str, Any]) -> dict[str, float]:

@@ -25,7 +25,7 @@ from rfca_rig.analysis.torque_rotation.recovery import Recovered, recovered
 from rfca_rig.analysis.torque_rotation.stages import StageData, stage_data
 from rfca_rig.analysis.torque_rotation.static_result import Repeats, StaticResult
 from rfca_rig.analysis.torque_rotation.systematics import Instruments, SystematicErrors, list_systematic_errors
-from rfca_rig.description.believed import believed_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.torque_spline import FEWEST_ANGLES as FEWEST_KNOTS
@@ -52,7 +52,7 @@ class Supposition:
     `hinge_std_deg` is one standard deviation of a hinge angle where a stage does not state it; None to have the stages tell it.
     """
 
-    believed: Mapping[str, Any]
+    nominal: Mapping[str, Any]
     known_to: Mapping[str, float | None] = field(default_factory=dict)
     instruments: Instruments = field(default_factory=Instruments)
     hinge_std_deg: float | None = None
@@ -85,8 +85,8 @@ class _Case:
         return [through_rest(angles, each) for each in shares]
 
     def _from_rest(self) -> Floats:
-        believed = np.array(self.rig.leg.rest_angles_rad or (0.0,) * self.data.hinges)
-        return np.asarray((self.data.measured[:, : self.data.hinges] - believed)[self.data.seen])
+        nominal = np.array(self.rig.leg.rest_angles_rad or (0.0,) * self.data.hinges)
+        return np.asarray((self.data.measured[:, : self.data.hinges] - nominal)[self.data.seen])
 
 
 def evaluate(recordings: Sequence[Recording], supposed: Supposition, watcher: Watcher = unwatched) -> StaticResult:
@@ -136,9 +136,9 @@ def evaluate(recordings: Sequence[Recording], supposed: Supposition, watcher: Wa
 
 
 def _case(recordings: Sequence[Recording], supposed: Supposition) -> _Case:
-    rig = believed_model(supposed.believed)
+    rig = nominal_model(supposed.nominal)
     _check(recordings, rig)
-    noise_std = supposed.believed["sensor"].get("noise_std") or {}
+    noise_std = supposed.nominal["sensor"].get("noise_std") or {}
     data = stage_data(recordings, noise_std, supposed.hinge_std_deg)
     if len(data.stages) < FEWEST_STAGES or int(data.seen.sum()) < FEWEST_ANGLES:
         raise BadInput(

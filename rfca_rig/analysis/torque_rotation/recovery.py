@@ -47,7 +47,7 @@ def recovered(
     nothing = np.zeros((len(data.measured), data.hinges, 0))
     balance = Balance(rig, basis, systematic_errors, nothing if extra is None else extra)
     p = np.zeros(balance.curve_size + len(systematic_errors.each))
-    p[: basis.size] = _believed_curve(rig, basis, data)
+    p[: basis.size] = _nominal_curve(rig, basis, data)
     ends = supposed(balance, data, p)
     point = restarted(balance, data, Point(data.measured.copy(), (), p), ends)
     for _ in range(ROUNDS):
@@ -62,7 +62,7 @@ def recovered(
     return Recovered(adjusted, errors, likelihood, pressing(adjusted, len(ends)))
 
 
-def _believed_curve(rig: RigModel, basis: Basis, data: StageData) -> Floats:
+def _nominal_curve(rig: RigModel, basis: Basis, data: StageData) -> Floats:
     """The coefficients nearest to what was believed, over the angles of the stages."""
     phi = np.linspace(*_range(data), 100)
     torque = bending_torque_Nm(rig.leg, phi)

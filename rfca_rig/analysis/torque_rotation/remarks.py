@@ -127,5 +127,5 @@ def _stages(result: StaticResult) -> list[str]:
     said = [f"Stage {one.stage.stage} at {1e3 * one.stage.height_m:g} mm is left out: {one.why}." for one in left]
     if result.rig.effects:
         names = ", ".join(effect.id for effect in result.rig.effects)
-        said.append(f"The believed effects ({names}) are not taken out of angles and forces.")
+        said.append(f"The nominal effects ({names}) are not taken out of angles and forces.")
     return said

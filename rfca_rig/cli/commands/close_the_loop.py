@@ -103,12 +103,12 @@ def _seed(loop: Loop, rig: RigFile, number: int) -> int | None:
 def belief(rig: RigFile, first: Recording) -> tuple[ModelFile | None, str]:
     """What the recordings so far believe, where that is not what the rig file says: only recordings of one belief go together."""
     known_to = rig.known_to.model_dump(exclude_none=True) if rig.known_to else {}
-    if rig.believed() == first.believed and known_to == first.known_to:
+    if rig.nominal() == first.nominal and known_to == first.known_to:
         return None, ""
-    model = checked({**first.believed, "known_to": _stated(first.known_to)}, ModelFile, first.title)
-    if model.believed() != first.believed or model.known_to.model_dump(exclude_none=True) != first.known_to:
-        raise BadInput(f"{first.title}: its believed values cannot be taken over for new runs; run the proposed protocol by hand")
-    return model, json.dumps({**first.believed, "known_to": first.known_to})
+    model = checked({**first.nominal, "known_to": _stated(first.known_to)}, ModelFile, first.title)
+    if model.nominal() != first.nominal or model.known_to.model_dump(exclude_none=True) != first.known_to:
+        raise BadInput(f"{first.title}: its nominal values cannot be taken over for new runs; run the proposed protocol by hand")
+    return model, json.dumps({**first.nominal, "known_to": first.known_to})
 
 
 def _stated(known_to: Mapping[str, Any]) -> dict[str, Any]:

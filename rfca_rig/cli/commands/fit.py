@@ -89,7 +89,7 @@ def fit(
         result = fit_recordings(recordings, _names(parameters), comparison, search)
     if out is not None:
         sources = [f"{path} ({recording.source}): {recording.title}" for path, recording in zip(paths, recordings, strict=True)]
-        write_model_file(out, result, recordings[0].believed, recordings[0].known_to, sources)
+        write_model_file(out, result, recordings[0].nominal, recordings[0].known_to, sources)
     _print(result, out, as_json)
 
 

@@ -86,12 +86,12 @@ def force(
     else:
         from rfca_rig.campaign.opening import open_recordings
         from rfca_rig.cli.commands.static_report import read_held_against
-        from rfca_rig.description.believed import believed_model
+        from rfca_rig.description.nominal_model import nominal_model
         from rfca_rig.model.parameters import GRAVITY_M_S2
 
         assert run is not None
         recordings = open_recordings([run])
-        leg = believed_model(read_held_against(recordings, model)[0]).leg
+        leg = nominal_model(read_held_against(recordings, model)[0]).leg
         weight_N = GRAVITY_M_S2 * sum(leg.link_masses_kg)
         for stage in (stage for recording in recordings for stage in recording.static):
             if not np.isfinite(stage.hinge_deg).all():

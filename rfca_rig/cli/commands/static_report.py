@@ -51,15 +51,15 @@ def report(
     recordings = open_recordings(paths)
     options = {"--model": model, "--hinge-std-deg": hinge_std_deg, "--marks-deg": marks_deg, "--force-gain-pct": force_gain_pct}
     command = typed("static", "report", *paths, options={name: value for name, value in options.items() if value != USUAL.get(name)})
-    believed, known_to = read_held_against(recordings, model)
+    nominal, known_to = read_held_against(recordings, model)
     instruments = Instruments(0.01 * force_gain_pct, marks_deg)
     with progress(as_json) as bars:
-        result = evaluate(recordings, Supposition(believed, known_to, instruments, hinge_std_deg), bars.counting("solving"))
+        result = evaluate(recordings, Supposition(nominal, known_to, instruments, hinge_std_deg), bars.counting("solving"))
     write_static_report(
         result,
         static_sources(paths, recordings),
         out,
-        believed,
+        nominal,
         known_to,
         model.name if model else None,
         origin_of(command, paths, recordings),
@@ -77,14 +77,14 @@ def read_held_against(recordings: "Sequence[Recording]", model: Path | None) -> 
 
     if model is not None:
         given = read_model_file(model)
-        return given.believed(), given.known_to.model_dump(exclude_none=True)
+        return given.nominal(), given.known_to.model_dump(exclude_none=True)
     first = recordings[0]
     for other in recordings[1:]:
-        if other.believed != first.believed or other.known_to != first.known_to:
+        if other.nominal != first.nominal or other.known_to != first.known_to:
             raise BadInput(f"{other.title!r} believes other values of the rig than {first.title!r}; give one model for both with --model")
-    if not first.believed:
+    if not first.nominal:
         raise BadInput(f"{first.title!r} does not say what leg it is of; give a model with --model")
-    return first.believed, first.known_to
+    return first.nominal, first.known_to
 
 
 def _say(result: "StaticResult", out: Path) -> None:

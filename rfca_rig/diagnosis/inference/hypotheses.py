@@ -94,15 +94,15 @@ def weigh_models(optimizer: GaussNewton, base: MapFit, fits: Sequence[MapFit], e
     """Nothing missing, and the fits that name something, most plausible first, of a catalogue with so many `effects`."""
     nothing = Hypothesis((), base, optimizer.evaluate(base), float(np.log(PRIOR_NOTHING)))
     named = [Hypothesis(fitted.ids, fitted, optimizer.evaluate(fitted), _log_prior(fitted, effects)) for fitted in fits]
-    believable = [_as_believable(hypothesis, named) for hypothesis in named]
-    return _as_believable(nothing, named), tuple(sorted(believable, key=lambda hypothesis: -hypothesis.log_joint))
+    plausible = [_prefer_plausible(hypothesis, named) for hypothesis in named]
+    return _prefer_plausible(nothing, named), tuple(sorted(plausible, key=lambda hypothesis: -hypothesis.log_joint))
 
 
-def _as_believable(hypothesis: Hypothesis, named: Sequence[Hypothesis]) -> Hypothesis:
+def _prefer_plausible(hypothesis: Hypothesis, named: Sequence[Hypothesis]) -> Hypothesis:
     """The hypothesis without what only a value explains that nobody believes, where one of `named` says the very same by an effect.
 
-    The prior of a believed value ends where it is implausible; what is left of the evidence is the share of the posterior within. Six
-    times the believed damping is not well-known hinges, but more damping than believed.
+    The prior of a nominal value ends where it is implausible; what is left of the evidence is the share of the posterior within. Six
+    times the nominal damping is not well-known hinges, but more damping than believed.
     """
     implausible = max((_log_beyond(hypothesis, wider) for wider in named), default=0.0)
     marginal = hypothesis.marginal
@@ -110,7 +110,7 @@ def _as_believable(hypothesis: Hypothesis, named: Sequence[Hypothesis]) -> Hypot
 
 
 def _log_beyond(hypothesis: Hypothesis, wider: Hypothesis) -> float:
-    """Minus the log of the share of the posterior that is plausible, of the believed value that the wider one's other effect stands for."""
+    """Minus the log of the share of the posterior that is plausible, of the nominal value that the wider one's other effect stands for."""
     more = [choice.effect.same_as for choice in wider.fitted.coordinates.choices if choice.effect.id not in hypothesis.ids]
     names, posterior = hypothesis.fitted.coordinates.space.names, hypothesis.marginal.posterior
     is_wider = set(hypothesis.ids) < set(wider.ids) and len(more) == 1 and more[0] in names

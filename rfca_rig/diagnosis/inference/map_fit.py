@@ -60,7 +60,7 @@ class MapFit:
         return float(np.abs(self.x[: self.coordinates.nuisances]).max(initial=0.0))
 
     @property
-    def as_believed(self) -> Floats:
+    def at_prior_means(self) -> Floats:
         """x with its effects as they stand and its nuisances as believed, (p,)."""
         nuisances = self.coordinates.nuisances
         return np.concatenate([np.zeros(nuisances), self.x[nuisances:]])

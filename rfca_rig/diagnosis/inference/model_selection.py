@@ -365,7 +365,7 @@ def _exchange(state: SearchState, probes: Sequence[EffectProbe], config: SearchC
         starts += {start.terms[-1].effect.id: start for start in reversed(ranked)}.values()
     # A fit whose nuisance parameters had to leave what is plausible may have ended in another mode than that of their prior means.
     astray = [fit for fit in parents if fit.farthest > IMPLAUSIBLE and fit.ids]
-    starts += [Start(fit.coordinates.choices, fit.as_believed, fit.jacobian) for fit in astray]
+    starts += [Start(fit.coordinates.choices, fit.at_prior_means, fit.jacobian) for fit in astray]
     with ThreadPoolExecutor(THREADS) as pool:
         fits = pool.map(lambda start: _fit(state.optimizer, state, start, 5), starts)
         found = [fit for fit in fits if fit is not None]

@@ -116,13 +116,13 @@ def _late(body: "PreparedData", verdicts: "Findings") -> tuple[str, ...]:
     return (said,) if fitted_ms.value > SHOWS * fitted_ms.std else ()
 
 
-def valley_errors(flaps: Sequence[FlapCondition], believed: Supposed, after: Supposed, drive_found: bool) -> Mapping[str, BeforeAfter]:
-    """Mean error of the valley in time and force, in percent, as in Table II; the believed shaft turns as commanded.
+def valley_errors(flaps: Sequence[FlapCondition], nominal: Supposed, after: Supposed, drive_found: bool) -> Mapping[str, BeforeAfter]:
+    """Mean error of the valley in time and force, in percent, as in Table II; the nominal shaft turns as commanded.
 
     With a drive that was found at fault the accepted model makes the shaft's motion itself, otherwise it follows the conditions' turn.
     """
     found = [
-        (flap.valley, _valley(flap, believed, True), _valley(flap, after, drive_found))
+        (flap.valley, _valley(flap, nominal, True), _valley(flap, after, drive_found))
         for flap in flaps
         if not isinstance(flap.valley, Refused)
     ]

@@ -3,7 +3,7 @@
 A stretch is a few windows of half a second, each simulated from the state in which the recording has it. So only what the model does
 within a window counts.
 
-The model's own error refers to what wrong torques do: one of 1 % means that angles and speeds are off as the believed pendulum's are
+The model's own error refers to what wrong torques do: one of 1 % means that angles and speeds are off as the nominal pendulum's are
 when the torque in each joint is off by 1 % of what weight and drive make there. Near the top, where small differences grow, that is much.
 Where `torque_error` says that the torques are known to another share than 1 %, that share counts as 1 %: the diagnosis calls 1 % usual.
 Neighbouring rows err alike, so that they do not count as independent.

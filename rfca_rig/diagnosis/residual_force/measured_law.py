@@ -173,7 +173,7 @@ def fit_law(
     None where the argument hardly changes, or where the model has no answer.
     """
     # what is missing may have drawn the nuisance parameters away, so a fit also begins at their prior means
-    starts = [(STRAIGHT, Start(x, lambda _, knots: np.zeros(len(knots)))) for x in (base.fitted.x, base.fitted.as_believed)]
+    starts = [(STRAIGHT, Start(x, lambda _, knots: np.zeros(len(knots)))) for x in (base.fitted.x, base.fitted.at_prior_means)]
     if start is not None:
         starts.append((FREE, start))
     fits = _fit(found, argument, base, starts, base)

@@ -57,7 +57,7 @@ EFFECT = Effect(
     id="ground_compliance",
     where="ground",
     left_out="soft floor",
-    law="N = F (depth / b)^p in series with the believed contact, F = 20 N, b = (F / k)^(2/3), p = 1.5 unless given",
+    law="N = F (depth / b)^p in series with the nominal contact, F = 20 N, b = (F / k)^(2/3), p = 1.5 unless given",
     source="Hertz contacts in series; an exponent of 1 for a bed of springs (Winkler), of 2 for a cone (Sneddon 1965)",
     parameters=(Parameter("stiffness_N_per_m1p5", 5000.0, 1000000.0, may_be_zero=False),),
     apply=apply,

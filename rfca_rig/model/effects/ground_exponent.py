@@ -8,11 +8,11 @@ from rfca_rig.model.laws import NORMAL, LawUse
 from rfca_rig.model.setup import Setup
 from rfca_rig.model.state import Chain
 
-REFERENCE_N = 20.0  # force at which it yields as the believed contact does: about what the leg presses in mid-stroke
+REFERENCE_N = 20.0  # force at which it yields as the nominal contact does: about what the leg presses in mid-stroke
 
 
 def force(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
-    """By how much it pushes more than the believed contact; parameter = (stiffness of that, exponent, damping of an end that enters, of
+    """By how much it pushes more than the nominal contact; parameter = (stiffness of that, exponent, damping of an end that enters, of
     one that leaves).
     """
     stiffness, exponent = parameter[0], parameter[1]
@@ -39,7 +39,7 @@ EFFECT = Effect(
     id="ground_exponent",
     where="ground",
     left_out="contact of another shape, as along a line",
-    law="N = F (depth / b)^p (1 + c rate), F = 20 N, b where the believed contact presses with F",
+    law="N = F (depth / b)^p (1 + c rate), F = 20 N, b where the nominal contact presses with F",
     source="exponent 1 for a line contact (Johnson 1985, ch. 4) or a bed of springs, 1.5 after Hertz, 2 for a cone (Sneddon 1965)",
     parameters=(Parameter("exponent", 1.0, 2.0, may_be_zero=False, starts=(1.0, 1.25, 2.0)),),
     apply=apply,

@@ -19,7 +19,7 @@ EFFECT = Effect(
     id="hinge_quadratic_damping",
     where="hinges",
     left_out="damping that grows with the square of the speed",
-    law="T = c phi' |phi'|, on top of the believed damping",
+    law="T = c phi' |phi'|, on top of the nominal damping",
     source="turbulent loss of a fluid that the hinge displaces: Bernoulli's pressure drop, proportional to the square of the flow",
     parameters=(Parameter("coefficient_Nm_s2_per_rad2", 0.001, 0.3),),
     apply=apply,

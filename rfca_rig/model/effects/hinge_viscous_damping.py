@@ -16,7 +16,7 @@ EFFECT = Effect(
     id="hinge_viscous_damping",
     where="hinges",
     left_out="more damping than believed",
-    law="T = c phi', on top of the believed damping",
+    law="T = c phi', on top of the nominal damping",
     source="Kelvin-Voigt element",
     parameters=(Parameter("coefficient_Nm_s_per_rad", 0.005, 0.5),),
     apply=apply,

@@ -14,7 +14,7 @@ EFFECT = Effect(
     id="stiffness_hardening",
     where="hinges",
     left_out="torque curve harder or softer than believed at large angles",
-    law="T = k0 phi (1 + k2 phi^2) with this k2 in place of the believed one",
+    law="T = k0 phi (1 + k2 phi^2) with this k2 in place of the nominal one",
     source="cubic hardening",
     parameters=(Parameter("k2_per_rad2", 0.0, 15.0),),
     apply=apply,

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.optimize import root
 
 from rfca_rig.analysis.mujoco_leg import hang, mujoco_leg
-from rfca_rig.description.believed import believed_model
-from rfca_rig.exam.believed import believed_world
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.exam.engine import simulate
 from rfca_rig.exam.experiment import READ_S, STEP_S, staged
+from rfca_rig.exam.nominal_world import nominal_world
 from rfca_rig.exam.sensor import felt
 from rfca_rig.exam.world import World
 from rfca_rig.model.parameters import RigModel
@@ -21,7 +21,7 @@ from tests.report.recordings import BELIEVED
 NOISE = {"fy_N": 0.10, "fz_N": 0.15, "tx_Nm": 0.006}
 SECTIONS = {**BELIEVED, "sensor": {"below_shaft_mm": 45.0, "noise_std": NOISE}}
 KNOWN_TO = {"height_mm": 0.2, "start_angle_deg": 0.3, "mass_relative": 0.01, "contact_stiffness_relative": 0.5, "k0_relative": 0.03}
-RIG = believed_model(SECTIONS)
+RIG = nominal_model(SECTIONS)
 ANGLES_DEG = (60, 75, 90, 105, 120, 135, 133, 131)
 HEIGHTS_M = (0.215, 0.235)
 
@@ -49,8 +49,8 @@ def by_exam(world: World, heights_m: Sequence[float] = HEIGHTS_M, angles_deg: Se
 
 @cache
 def plain() -> tuple[StaticStage, ...]:
-    """Of the believed leg."""
-    return by_exam(believed_world(0.215))
+    """Of the nominal leg."""
+    return by_exam(nominal_world(0.215))
 
 
 def noisy(

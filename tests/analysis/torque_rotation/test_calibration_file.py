@@ -18,8 +18,8 @@ from rfca_rig.analysis.torque_rotation.elastica_curves import foretold
 from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.description.model_file import read_model_file
-from rfca_rig.exam.believed import believed_world
 from rfca_rig.exam.injected_faults import with_effect
+from rfca_rig.exam.nominal_world import nominal_world
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from tests.analysis.torque_rotation.tables import KNOWN_TO, RIG, SECTIONS, by_exam, noisy, plain, recording
 
@@ -52,14 +52,14 @@ def test_a_fit_takes_the_errors_for_its_prior(tmp_path, result):
 
 
 def test_where_the_law_fails_its_values_are_known_no_better_than_it_fails(tmp_path):
-    world = with_effect(believed_world(0.215), "hinge_backlash", {"half_gap_deg": 1.2})
+    world = with_effect(nominal_world(0.215), "hinge_backlash", {"half_gap_deg": 1.2})
     result = evaluate([recording(noisy(by_exam(world), np.random.default_rng(5)))], SUPPOSED)
     write_calibration(tmp_path / "model.toml", result, SECTIONS, KNOWN_TO, [])
     assert read_model_file(tmp_path / "model.toml").known_to.k0_relative > abs(result.form.apart_relative) > 0.02
     assert "# The law k0 (phi + k2 phi^3) does not hold" in (tmp_path / "model.toml").read_text()
 
 
-SOFT = replace(believed_world(0.215), hinges=replace(believed_world(0.215).hinges, k0_Nm_per_rad=(14.0,) * 6, k2_per_rad2=(-0.7,) * 6))
+SOFT = replace(nominal_world(0.215), hinges=replace(nominal_world(0.215).hinges, k0_Nm_per_rad=(14.0,) * 6, k2_per_rad2=(-0.7,) * 6))
 
 
 def written_curve(path, result, sections=SECTIONS, known_to=KNOWN_TO):
@@ -93,7 +93,7 @@ def test_strokes_of_the_measured_curve_are_those_of_the_law_to_a_tenth_of_a_perc
 @pytest.mark.parametrize("case", ["softening", "play"])
 def test_a_curve_that_is_no_cubic_is_met_within_its_band_from_the_first_angles_on(tmp_path, case):
     gap = float(np.radians(1.2))
-    world = SOFT if case == "softening" else with_effect(believed_world(0.215), "hinge_backlash", {"half_gap_deg": 1.2})
+    world = SOFT if case == "softening" else with_effect(nominal_world(0.215), "hinge_backlash", {"half_gap_deg": 1.2})
     result = evaluate([recording(noisy(by_exam(world), np.random.default_rng(5)))], SUPPOSED)
     leg = written_curve(tmp_path / "model-curve.toml", result).model().leg
     x = np.radians(np.linspace(7.0, 22.0, 40))
@@ -108,7 +108,7 @@ def law_of(result, x):
 
 
 def test_rest_angles_go_into_both_files(tmp_path):
-    world = believed_world(0.215)
+    world = nominal_world(0.215)
     bent = replace(world, hinges=replace(world.hinges, preset_rad=(0.0, 0.0, float(np.radians(1.5)), 0.0, 0.0, 0.0)))
     known_to = {**KNOWN_TO, "rest_angle_deg": 2.0}
     result = evaluate([recording(noisy(by_exam(bent), np.random.default_rng(0)))], Supposition(SECTIONS, known_to))
@@ -122,12 +122,12 @@ def test_rest_angles_go_into_both_files(tmp_path):
 
 def test_a_leg_that_was_believed_to_follow_a_curve_is_evaluated_and_written_either_way(tmp_path, result):
     first = written_curve(tmp_path / "first.toml", result)
-    believed, known_to = first.believed(), first.known_to.model_dump(exclude_none=True)
-    again = evaluate([recording(noisy(plain(), np.random.default_rng(2)))], Supposition(believed, known_to))
+    nominal, known_to = first.nominal(), first.known_to.model_dump(exclude_none=True)
+    again = evaluate([recording(noisy(plain(), np.random.default_rng(2)))], Supposition(nominal, known_to))
     assert again.values.k0_Nm_per_rad == pytest.approx(result.values.k0_Nm_per_rad, rel=1e-4)
-    write_calibration(tmp_path / "law.toml", again, believed, known_to, [])
+    write_calibration(tmp_path / "law.toml", again, nominal, known_to, [])
     assert read_model_file(tmp_path / "law.toml").leg.k0_Nm_per_rad == pytest.approx(result.values.k0_Nm_per_rad, rel=1e-4)
-    second = written_curve(tmp_path / "second.toml", again, believed, known_to)
+    second = written_curve(tmp_path / "second.toml", again, nominal, known_to)
     assert second.leg.torque_rotation.torques_Nm == pytest.approx(first.leg.torque_rotation.torques_Nm, abs=1e-4)
 
 

@@ -7,15 +7,15 @@ import pytest
 
 from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
 from rfca_rig.analysis.torque_rotation.remarks import remarks
-from rfca_rig.exam.believed import believed_world
 from rfca_rig.exam.injected_faults import with_effect
+from rfca_rig.exam.nominal_world import nominal_world
 from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording
 
 SUPPOSED = Supposition(SECTIONS, KNOWN_TO)
 
 
 def of(effect: str, **values: float):
-    world = with_effect(believed_world(0.215), effect, values)
+    world = with_effect(nominal_world(0.215), effect, values)
     return evaluate([recording(noisy(by_exam(world), np.random.default_rng(5)))], SUPPOSED)
 
 
@@ -67,7 +67,7 @@ def test_a_floor_that_is_not_level_is_told():
 def test_repeats_that_agree_narrow_the_errors_and_repeats_that_do_not_widen_them():
     rng = np.random.default_rng(9)
     alike = [recording(noisy(plain(), rng), f"run {i}") for i in range(3)]
-    stiffer = believed_world(0.215)
+    stiffer = nominal_world(0.215)
     stiffer = replace(stiffer, hinges=replace(stiffer.hinges, k0_Nm_per_rad=(11.6,) * 6))
     unlike = [*alike[:2], recording(noisy(by_exam(stiffer), rng), "run 3")]
     one, three, apart = (evaluate(which, SUPPOSED) for which in (alike[:1], alike, unlike))

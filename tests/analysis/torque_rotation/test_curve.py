@@ -10,7 +10,7 @@ from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
 from rfca_rig.analysis.torque_rotation.noise import of_shared_marks
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.systematics import MARKS_DEG, SLOPE, Instruments
-from rfca_rig.exam.believed import believed_world, drawn_off, moved
+from rfca_rig.exam.nominal_world import drawn_off, moved, nominal_world
 from rfca_rig.exam.world import everywhere
 from tests.analysis.torque_rotation.tables import KNOWN_TO, NOISE, RIG, SECTIONS, by_exam, by_mujoco, noisy, plain, recording
 
@@ -106,7 +106,7 @@ def test_ends_that_seem_to_hang_clear_of_a_floor_said_to_be_deeper_are_found():
     ids=["stiff floor", "floor not level", "rack higher", "friction elsewhere"],
 )
 def test_a_floor_that_is_not_as_believed_hardly_bends_the_curve(change, k0_rel):
-    result = evaluate([recording(noisy(by_exam(change(believed_world(0.215))), np.random.default_rng(1)))], SUPPOSED)
+    result = evaluate([recording(noisy(by_exam(change(nominal_world(0.215))), np.random.default_rng(1)))], SUPPOSED)
     phi = result.curve.grid_rad()[5:]
     assert result.curve.torque_Nm(phi)[0] == pytest.approx(law(RIG, phi), rel=k0_rel)
 
@@ -124,7 +124,7 @@ def worlds(count: int):
     for _ in range(count):
         off = drawn_off(rng)
         k0, k2 = rng.uniform(8.0, 14.0), rng.uniform(1.5, 6.0)
-        world = moved(believed_world(0.215), off)
+        world = moved(nominal_world(0.215), off)
         floor = replace(world.floor, slope=float(rng.normal(0.0, SLOPE)), lever_share=float(rng.uniform(-0.3, 0.3)))
         hinges = replace(world.hinges, k0_Nm_per_rad=everywhere(k0), k2_per_rad2=everywhere(k2))
         yield replace(world, hinges=hinges, floor=floor), with_hinges(k0, k2)

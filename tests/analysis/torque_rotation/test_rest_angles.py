@@ -8,8 +8,8 @@ import pytest
 from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.systematics import Instruments
-from rfca_rig.description.believed import believed_model
-from rfca_rig.exam.believed import believed_world
+from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.exam.nominal_world import nominal_world
 from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording
 
 ONE, ALL = (0.0, 0.0, 1.5, 0.0, 0.0, 0.0), (1.5,) * 6
@@ -17,7 +17,7 @@ STATED = {**KNOWN_TO, "rest_angle_deg": 2.0}
 
 
 def stages_with(rest_deg):
-    world = believed_world(0.215)
+    world = nominal_world(0.215)
     return by_exam(replace(world, hinges=replace(world.hinges, preset_rad=tuple(np.radians(rest_deg)))))
 
 
@@ -85,7 +85,7 @@ def test_rest_angles_that_nobody_stated_are_noticed(rest_deg, said):
 
 def test_rest_angles_that_are_believed_are_taken_off():
     bent = {**SECTIONS, "leg": {**SECTIONS["leg"], "rest_angles_deg": list(ONE)}}
-    assert believed_model(bent).leg.rest_angles_rad[2] == pytest.approx(np.radians(1.5))
+    assert nominal_model(bent).leg.rest_angles_rad[2] == pytest.approx(np.radians(1.5))
     result = found_in(noisy(stages_with(ONE), np.random.default_rng(0)), KNOWN_TO, bent)
     assert remarks(result) == []
     assert result.values.k0_Nm_per_rad == pytest.approx(11.0, rel=0.005)

@@ -1,4 +1,4 @@
-"""Effects that do what a believed value does where it is wrong: not nearly, but to the last digit that counts."""
+"""Effects that do what a nominal value does where it is wrong: not nearly, but to the last digit that counts."""
 
 from dataclasses import replace
 

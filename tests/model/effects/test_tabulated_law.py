@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.fitting.model_file import fitted_sections
-from rfca_rig.description.believed import believed_model
 from rfca_rig.description.model_file import FoundEffect, read_model_file, write_model
+from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput
 from rfca_rig.model.joint_drive import torque_trace
@@ -131,8 +131,8 @@ def test_it_comes_back_from_a_model_file_as_it_went_in(tmp_path):
     rig = rig_with(tmp_path, LAW)
     (effect,) = rig.model().effects
     assert effect.table == LawTable("hinges", "rate_rad_s", (-1.0, 0.0, 2.5), (-0.02, 0.0, 0.08))
-    assert believed_model(rig.believed()) == rig.model()
-    sections = fitted_sections(rig.believed(), rig.model())
+    assert nominal_model(rig.nominal()) == rig.model()
+    sections = fitted_sections(rig.nominal(), rig.model())
     law = LawTable("floor_friction", "slip_m_s", (0.0, 1.0), (0.3, 0.0))
     write_model(tmp_path / "model.toml", sections, {}, ["two laws"], [FoundEffect("tabulated_law", {}, {"the value at 0": 0.1}, law)])
     again = read_model_file(tmp_path / "model.toml").model()

@@ -18,7 +18,7 @@ HEIGHT_MM, START_DEG, FRICTION, K0_SHARE, MASS_SHARE, DAMPING_SHARE, CONTACT_SHA
 
 @dataclass(frozen=True)
 class OffBy:
-    """By what the real rig differs from the believed one: differences, and factors, all within what it is known to."""
+    """By what the real rig differs from the nominal one: differences, and factors, all within what it is known to."""
 
     height_mm: float = 0.0
     start_angle_deg: float = 0.0
@@ -29,8 +29,8 @@ class OffBy:
     contact_stiffness_factor: float = 1.0
 
 
-def believed_world(height_m: float) -> World:
-    """The leg of the believed model at one height, nothing left out."""
+def nominal_world(height_m: float) -> World:
+    """The leg of the nominal model at one height, nothing left out."""
     return World(
         Links(LENGTHS_M, MASSES_KG, 0.003),
         Hinges(everywhere(11.0), everywhere(4.2), everywhere(0.05)),
@@ -55,7 +55,7 @@ def drawn_off(random: np.random.Generator) -> OffBy:
 
 
 def moved(world: World, off: OffBy) -> World:
-    """The world with the real values in place of the believed ones."""
+    """The world with the real values in place of the nominal ones."""
     hinges, links, floor = world.hinges, world.links, world.floor
     return replace(
         world,

@@ -10,13 +10,13 @@ from rfca_rig.description.torque_rotation import splines_of
 from rfca_rig.model.parameters import Drive, Ground, Leg, RigModel, SensorMount, TorqueSpline
 
 
-def believed_model(sections: Mapping[str, Any]) -> RigModel:
+def nominal_model(sections: Mapping[str, Any]) -> RigModel:
     """The model that the sections leg, ground, sensor and drive describe.
 
-    `sections` is plain data in the file's own units, as `Recording.believed` holds it. Raises BadInput, naming the key, where
+    `sections` is plain data in the file's own units, as `Recording.nominal` holds it. Raises BadInput, naming the key, where
     something is missing, unknown or out of range.
     """
-    return model_of(checked(sections, RigSections, "the believed model"))
+    return model_of(checked(sections, RigSections, "the nominal model"))
 
 
 def model_of(sections: RigSections) -> RigModel:
