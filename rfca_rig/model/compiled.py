@@ -1,7 +1,7 @@
 """Compiles a function, and keeps the result on disk for the next process.
 
 The compiler's own cache notices an edit only in the file of the function itself, not in the files it calls. Here the cache
-folder is named after the content of all compiled files of this room and of `mechanism`, so an edited or upgraded package never runs stale
+folder is named after the content of all compiled files of this package and of `mechanism`, so an edited package never runs stale
 code.
 """
 
@@ -31,7 +31,7 @@ def cache_folder() -> str:
     """Where compiled code of this very source is kept; NUMBA_CACHE_DIR decides the parent where it is set."""
     content = hashlib.sha256()
     here = Path(__file__).parent
-    for source in sorted(path for room in (here, here.parent / "mechanism") for path in room.glob("*.py")):
+    for source in sorted(path for folder in (here, here.parent / "mechanism") for path in folder.glob("*.py")):
         text = source.read_bytes()
         if b"model.compiled import" in text or source.name == "state.py":
             content.update(text)

@@ -71,6 +71,6 @@ def _difference(found: str, wanted: dict[str, Any]) -> str:
 def _made_with() -> dict[str, str]:
     facts = facts_here()
     kept = {name: facts[name] for name in ("rfca_rig", "numpy", "scipy", "numba", "llvmlite")}
-    rooms = "".join(source_hash(Path(room.__path__[0])) for room in (model, analysis, sweep))
+    sources = "".join(source_hash(Path(package.__path__[0])) for package in (model, analysis, sweep))
     own = os.environ.get(FOLDER_VARIABLE)
-    return {**kept, "source": digest(rooms)[:12], "own effects": source_hash(Path(own)) if own else "none"}
+    return {**kept, "source": digest(sources)[:12], "own effects": source_hash(Path(own)) if own else "none"}
