@@ -164,7 +164,9 @@ def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismR
     recorded = np.column_stack([signal.factor * values[signal.column] for signal in signals])
     commanded = np.zeros((len(t_s), len(described.commands)))
     for number, command in enumerate(commands):
-        commanded[:, number] = command.factor * values[command.column]
+        column = command.factor * values[command.column]
+        # straight lines through these means push as steps do, to second order in the time between rows
+        commanded[:, number] = 0.5 * (column + np.append(column[:1], column[:-1])) if command.held else column
     prescribed = np.empty((len(t_s), len(described.prescribed)))
     for number, given in enumerate(described.prescribed):
         prescribed[:, number] = given.factor * values[given.column]

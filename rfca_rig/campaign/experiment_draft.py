@@ -76,6 +76,7 @@ def draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[Path]
         lines += _table(
             "commands", {"actuator": written(actuator)}, f"{_any_of(COMMAND_UNITS)}; measured, or else commanded", "if it was off"
         )
+        lines.append("# held = true  # where it was commanded, and acts until the next row; a measured one runs straight from row to row")
     lines += [
         "",
         "# How well the values of the model file are known: one standard deviation. What is not listed counts as exact.",

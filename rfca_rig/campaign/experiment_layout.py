@@ -163,13 +163,15 @@ class StartSection(Section):
 class CommandSection(Section):
     """[[commands]]: a column that holds what an actuator was told or, better, what was measured of it.
 
-    The model's actuator turns the SI value of this unit into a torque: `gear` in N m/A for a column in A.
+    The model's actuator turns the SI value of this unit into a torque: `gear` in N m/A for a column in A. A command that is `held` acts
+    from its row to the next; others run straight from row to row, as what was measured does.
     """
 
     actuator: Text
     column: Text
     unit: str
     sign: Literal[1, -1] = 1
+    held: bool = False
 
     @field_validator("unit")
     @classmethod

@@ -40,6 +40,11 @@ def test_stated_units_and_signs_become_the_model_s(folder):
     assert first.driven
 
 
+def test_a_held_command_counts_half_from_the_row_before(folder):
+    (folder / "experiment.toml").write_text(HEAD.replace('unit = "mA" }', 'unit = "mA", held = true }'), encoding="utf-8")
+    assert read_experiment(folder).runs[0].commands[:3, 0] == pytest.approx([0.100, 0.1005, 0.1015])
+
+
 def test_counts_may_run_the_other_way(folder):
     (folder / "experiment.toml").write_text(HEAD.replace("counts_per_turn = 4000", "counts_per_turn = 4000, sign = -1"), encoding="utf-8")
     assert read_experiment(folder).runs[0].signals[3, 1] == pytest.approx(-2.0 * np.pi * 6 / 4000)

@@ -226,7 +226,7 @@ def write_campaign(folder, nominal, recordings, known_to):
         np.savetxt(folder / f"run{number}.csv", rows, delimiter=",", header=",".join(names), comments="", fmt="%.8g")
     signals = [f'{{ joint = "joint{j}", quantity = "position", column = "q{j}", unit = "deg" }}' for j in joints]
     signals += [f'{{ joint = "joint{j}", quantity = "speed", column = "w{j}", unit = "rad/s" }}' for j in joints]
-    commands = [f'{{ actuator = "motor{j}", column = "tau{j}", unit = "N m" }}' for j in joints]
+    commands = [f'{{ actuator = "motor{j}", column = "tau{j}", unit = "N m", held = true }}' for j in joints]
     runs = [f'{{ file = "run{k}.csv", condition = "sines {k}" }}' for k in range(1, len(recordings) + 1)]
     text = f"""format = "rfca-experiment/1"
 title = "arm"

@@ -140,7 +140,7 @@ def write_campaign(folder, nominal, recordings, known_to, own_contact=False):
         if own_contact
         else '  { sensor = "plate_force", column = "plate", unit = "N" },',
         "]",
-        'commands = [{ actuator = "leg_motor", column = "force", unit = "N" }]',
+        'commands = [{ actuator = "leg_motor", column = "force", unit = "N", held = true }]',
         "windows = { length_s = 0.3, bin_s = 0.02 }",
         *(_state_contact(nominal) if own_contact else ()),
         "[known_to]",

@@ -38,6 +38,24 @@ def sizes(effect):
     return {name: value.value for name, value in effect.parameters.items()}
 
 
+def test_commands_that_were_held_act_half_a_sample_late_unless_the_file_says_so(tmp_path):
+    """The arm's controller holds its torques. Taken as lines from row to row, they look 1 ms late: the first effect to be named."""
+    folder = campaign(tmp_path / "arm", replace(NOMINAL, angle_error_rad=0.0), seeds=(0,))
+
+    def misfit():
+        experiment = read_experiment(folder)
+        problem = make_problem(experiment, load_mechanism(experiment.model))
+        plant = problem.simulator.plant(MechanismInput())
+        windows = [each.window for condition in problem.conditions for each in condition.windows]
+        return np.sqrt(np.mean([(problem.simulator.follow(plant, one)[0] - one.measured[0]) ** 2 for one in windows]))
+
+    told = misfit()
+    path = folder / "experiment.toml"
+    path.write_text(path.read_text(encoding="utf-8").replace(", held = true", ""), encoding="utf-8")
+    untold = misfit()
+    assert told < 0.3 * untold
+
+
 @pytest.mark.long
 def test_nothing_is_said_to_be_missing_of_an_arm_that_is_as_its_model(tmp_path):
     found = diagnosed(campaign(tmp_path / "arm", NOMINAL))
