@@ -3,19 +3,118 @@
 import difflib
 import hashlib
 import json
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from rfca_rig.campaign.dynamic import read_stroke
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.campaign.columns import DYNAMIC, STATIC, STATIC_NEEDED, fault_in_names, unit_of
 from rfca_rig.campaign.layout import FILE_NAME, FORMAT, CampaignFile, DynamicRun
-from rfca_rig.campaign.static import Extra, read_stages
+from rfca_rig.campaign.table import Table, number, numbers, read_table, rows
+from rfca_rig.channels import HINGES
 from rfca_rig.description.sections import RigSections
 from rfca_rig.description.toml import place_of, read_text, read_toml
 from rfca_rig.description.torque_rotation import with_curve_read
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import Watcher, counted, unwatched
-from rfca_rig.recording.model import Recording, StaticStage, Stroke
+from rfca_rig.recording.model import Column, Direction, Recording, StaticStage, Stream, Stroke
+
+Floats = NDArray[np.float64]
+
+REST_S = 0.1
+STREAM = "table"
+_ROUNDING_S = 1e-6
+
+
+DIRECTIONS = ("loading", "unloading")
+
+Extra = dict[str, list[str]]
+
+
+def read_stages(path: Path, strokes_before: int | None = None, held_s: float | None = None) -> tuple[tuple[StaticStage, ...], Extra]:
+    """The stages in the file, in its order, and its extra columns as text by name; `strokes_before` and `held_s` are those of all.
+
+    Hinge columns may be absent; their angles are NaN then. Raises BadInput, naming file, line and column, for the first fault.
+    """
+    table = read_table(path)
+    if said := fault_in_names(table.names, known=STATIC, needed=STATIC_NEEDED):
+        raise BadInput(f"{table.path}:1: {said}")
+    lines = [dict(zip(table.names, cells, strict=True)) for cells in rows(table)]
+    extra = {name: [cells[name] for cells in lines] for name in table.names if name not in STATIC}
+    stages = tuple(replace(_stage(table, row, cells), strokes_before=strokes_before, held_s=held_s) for row, cells in enumerate(lines))
+    return stages, extra
+
+
+def _stage(table: Table, row: int, cells: Mapping[str, str]) -> StaticStage:
+    value = {name: number(table, row, name, cells[name]) for name in STATIC if name in cells and name != "direction"}
+    return StaticStage(
+        height_m=_positive(table, row, "height_mm", value["height_mm"]) / 1e3,
+        stage=_whole(table, row, "stage", value["stage"]),
+        direction=_direction(table, row, cells["direction"]),
+        shaft_angle_rad=value["shaft_angle_rad"],
+        hinge_deg=tuple(value.get(name, math.nan) for name in HINGES),
+        fy_N=value["fy_N"],
+        fz_N=value["fz_N"],
+        tx_Nm=value["tx_Nm"],
+    )
+
+
+def _positive(table: Table, row: int, name: str, value: float) -> float:
+    if value <= 0:
+        raise table.fault(row, f"column {name}: {value:g} should be greater than 0")
+    return value
+
+
+def _whole(table: Table, row: int, name: str, value: float) -> int:
+    if value < 0 or not value.is_integer():
+        raise table.fault(row, f"column {name}: {value:g} should be a whole number, 0 or more")
+    return int(value)
+
+
+def _direction(table: Table, row: int, cell: str) -> Direction:
+    if cell not in DIRECTIONS:
+        raise table.fault(row, f"column direction: {cell!r} should be loading or unloading")
+    return cast(Direction, cell)
+
+
+def read_stroke(path: Path, run: DynamicRun) -> Stroke:
+    """The stroke in the file, all its columns in one stream "table".
+
+    A channel may be absent, an extra column is kept. Raises BadInput, naming file, line and column, for the first fault.
+    """
+    table = read_table(path)
+    _check_names(table)
+    values = numbers(table)
+    time = table.names.index("t_s")
+    _check_time(table, values[:, time])
+    columns = {name: Column(np.ascontiguousarray(values[:, i]), unit_of(name)) for i, name in enumerate(table.names) if i != time}
+    stream = Stream(np.ascontiguousarray(values[:, time]), columns)
+    return Stroke(run.height_mm / 1e3, run.speed_rad_s, run.repeat, {STREAM: stream}, run.strokes_before)
+
+
+def _check_names(table: Table) -> None:
+    said = fault_in_names(table.names, known=DYNAMIC, needed=("t_s",))
+    if said is None and len(table.names) == 1:
+        said = f"only t_s, and nothing that was measured; known channels are {', '.join(DYNAMIC[1:])}"
+    if said:
+        raise BadInput(f"{table.path}:1: {said}")
+
+
+def _check_time(table: Table, t_s: Floats) -> None:
+    """Time must run forwards, start at least 0.1 s before the motion, and reach it: otherwise the rest before it is not known."""
+    backwards = np.flatnonzero(np.diff(t_s) <= 0)
+    if backwards.size:
+        row = int(backwards[0]) + 1
+        how = "stands still at" if t_s[row] == t_s[row - 1] else f"runs backwards, from {t_s[row - 1]:g} s to"
+        raise table.fault(row, f"column t_s: time {how} {t_s[row]:g} s")
+    if t_s[0] > -REST_S + _ROUNDING_S:
+        raise table.fault(0, f"column t_s: begins at {t_s[0]:g} s; needs {REST_S:g} s or more before the motion starts at t_s = 0")
+    if t_s[-1] <= 0:
+        raise table.fault(len(t_s) - 1, f"column t_s: ends at {t_s[-1]:g} s, before the motion starts at 0")
 
 
 def read_campaign(folder: Path, told: Watcher = unwatched) -> Recording:

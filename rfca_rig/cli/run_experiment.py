@@ -4,10 +4,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import typer
+
 from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.outcome import Outcome
 from rfca_rig.bench.recorder import Recorder
-from rfca_rig.cli.arming import ask_operator, prove_drive
 from rfca_rig.cli.attach_view import attach_view, twin_clock
 from rfca_rig.cli.finalize_run import Kept, finish, keep, note_end, open_folder
 from rfca_rig.cli.paths import new_run_folder
@@ -15,15 +16,35 @@ from rfca_rig.cli.preflight import examined, print_plan, recorded_bytes
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.signals import heard
 from rfca_rig.cli.terminal import Say, marked, progress_bar
+from rfca_rig.engine.arming import prove_stop
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.run import Supervision, run_plan
-from rfca_rig.errors import RigError
+from rfca_rig.errors import BadInput, RigError
 from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.disk_reserve import check_room
 from rfca_rig.recording.keeper import DirectKeeper, Keeper
 from rfca_rig.recording.process_keeper import ProcessKeeper
 from rfca_rig.subprocesses import can_be_started
 from rfca_rig.view.live_view import check_live_view
+
+CHECKLIST = "Emergency stop tested today? Guard closed? Nobody near the leg?"
+
+
+def ask_operator(config: RunConfig) -> None:
+    """Real hardware moves only after the operator has typed the force limit; nothing is assumed from a pressed key."""
+    limit = f"{config.plan.limits.force_N:g}"
+    typer.echo(f"REAL the motor will turn. {CHECKLIST}", err=True)
+    if typer.prompt("REAL type the force limit in newtons to go on", default="", show_default=False, err=True).strip() != limit:
+        raise BadInput(f"not armed: the force limit is {limit} N; nothing has moved")
+
+
+def prove_drive(config: RunConfig, bench: Bench) -> dict[str, str | float]:
+    """What the arming showed, for the run's events: what was asked and answered, and the drive's own stop."""
+    watchdog_s = prove_stop(bench)
+    is_guarded = bench.motor.identity().get("guardian", "none") != "none"
+    who = "the guardian lets go of the motor" if is_guarded else "the drive's watchdog stops the motor"
+    marked(config.mark, config.quiet)(f"{who} after {watchdog_s:.2f} s of silence")
+    return {"confirmed": CHECKLIST, "by_typing_N": config.plan.limits.force_N, "watchdog_s": round(watchdog_s, 3)}
 
 
 def carry_out(config: RunConfig, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path | None, Recorder | None]:

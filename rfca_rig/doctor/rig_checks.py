@@ -1,21 +1,155 @@
 """Everything that a rig file names, one after the other."""
 
 from collections.abc import Iterator
+from math import tau
 from pathlib import Path
 
+import can
+import numpy as np
+
+from rfca_rig.bench.motors import make_motor, open_bus
 from rfca_rig.clock import Clock
-from rfca_rig.description.force_sensor_sections import ForceSensor, ForceSensorKeys
+from rfca_rig.description.camera_file import read_camera_file
+from rfca_rig.description.camera_sections import PhotoFolderSection
+from rfca_rig.description.force_sensor_sections import (
+    AtiDaqSection,
+    AtiSerialSection,
+    ForceSensor,
+    ForceSensorKeys,
+    NetFtSection,
+    OwnForceSensorSection,
+)
 from rfca_rig.description.motor_sections import MoteusSection, Motor, MotorKeys
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.doctor.camera_checks import check_camera
 from rfca_rig.doctor.computer_checks import check_computer
-from rfca_rig.doctor.finding import Colour, Finding, green
+from rfca_rig.doctor.finding import Colour, Finding, green, yellow
+from rfca_rig.doctor.judging.ati_daq import judge_calibration, judge_card
+from rfca_rig.doctor.judging.ati_serial import judge_controller
+from rfca_rig.doctor.judging.camera import judge_camera, judge_camera_file, judge_photo_folder
+from rfca_rig.doctor.judging.netft import judge_box, judge_stream
+from rfca_rig.doctor.judging.receive_buffer import judge_receive_buffer
+from rfca_rig.doctor.judging.serial_port import judge_serial_port
+from rfca_rig.doctor.looking.ati_daq import look_at_calibration, look_for_cards
+from rfca_rig.doctor.looking.ati_serial import look_at_controller
+from rfca_rig.doctor.looking.camera import look_at_camera
+from rfca_rig.doctor.looking.can_bus import one_line
+from rfca_rig.doctor.looking.computer import granted_receive_buffer
+from rfca_rig.doctor.looking.netft import look_at_box, look_at_stream
+from rfca_rig.doctor.looking.serial_port import look_at_serial_port
 from rfca_rig.doctor.motor_checks import check_motor
 from rfca_rig.doctor.own_checks import check_own_motor, check_own_sensor
-from rfca_rig.doctor.sensor_checks import check_sensor
-from rfca_rig.doctor.shaft_checks import check_shaft
+from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES
+from rfca_rig.drivers.netft import NetFtSettings
+from rfca_rig.drivers.netft_box import Box, CommandBox, HttpBox
+from rfca_rig.drivers.photo_folder import pictures_in
+from rfca_rig.errors import BadInput, RigError
 
 USUAL_WATCHDOG_S = 0.1
+
+
+SHAFT = "shaft"
+LISTEN_S = 0.3
+POLL_S = 5e-3
+
+
+def check_camera(rig: RigFile, clock: Clock) -> Iterator[Finding]:
+    """Nothing where the rig has none. A camera that OpenCV opens is asked for one photo."""
+    camera = rig.camera
+    if camera is None:
+        return
+    try:
+        eye = rig.eye()
+        error_px = read_camera_file(Path(camera.calibration_file)).camera.reprojection_error_px
+    except BadInput as error:
+        yield judge_camera_file(camera.calibration_file, str(error), 0.0)
+        return
+    yield judge_camera_file(camera.calibration_file, None, error_px)
+    if isinstance(camera, PhotoFolderSection):
+        yield _folder(camera.folder)
+    elif eye is not None:
+        yield judge_camera(look_at_camera(camera, eye, clock))
+
+
+def _folder(folder: str) -> Finding:
+    try:
+        pictures_in(Path(folder))
+    except BadInput as error:
+        return judge_photo_folder(folder, str(error))
+    return judge_photo_folder(folder, None)
+
+
+def check_sensor(sensor: ForceSensor, clock: Clock) -> Iterator[Finding]:
+    """Streams from the sensor that [force_sensor] names for about a second."""
+    match sensor:
+        case NetFtSection():
+            return _netft(sensor, clock)
+        case AtiSerialSection():
+            return _controller(sensor, clock)
+        case AtiDaqSection():
+            return _daq(sensor)
+        case OwnForceSensorSection():
+            return iter(())  # its own driver is asked: own_checks
+
+
+def _netft(sensor: NetFtSection, clock: Clock) -> Iterator[Finding]:
+    settings = NetFtSettings(counts_per_N=sensor.counts_per_N, counts_per_Nm=sensor.counts_per_Nm, rate_Hz=sensor.rate_Hz)
+    box, answers = _box(sensor), None
+    if box is not None:
+        seen = look_at_box(sensor.host, box)
+        answers = seen.says is not None
+        yield judge_box(seen, settings)
+    yield from judge_stream(look_at_stream(sensor.host, sensor.port, sensor.buffered, clock), settings, answers)
+    yield judge_receive_buffer(granted_receive_buffer(), RECEIVE_BUFFER_BYTES, sensor.rate_Hz)
+
+
+def _box(sensor: NetFtSection) -> Box | None:
+    if sensor.configuration == "http":
+        return HttpBox(sensor.host, sensor.http_port)
+    return CommandBox(sensor.host, sensor.command_port) if sensor.configuration == "commands" else None
+
+
+def _controller(sensor: AtiSerialSection, clock: Clock) -> Iterator[Finding]:
+    port = judge_serial_port(look_at_serial_port(sensor.port), "[force_sensor]")
+    yield port
+    if port.colour is not Colour.RED:
+        yield from judge_controller(look_at_controller(sensor.port, sensor.settings(), clock), sensor.rate_Hz)
+
+
+def _daq(sensor: AtiDaqSection) -> Iterator[Finding]:
+    yield judge_calibration(sensor.calibration_file, look_at_calibration(sensor.calibration_file))
+    yield judge_card(look_for_cards(), sensor.channels)
+
+
+def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
+    """For a drive that is there: reads it as a run would, without enabling it. Nothing where it does not report while it is off."""
+    try:
+        with open_bus(rig.motor) as bus:
+            angles_rad = _heard(rig, bus, clock)
+    except (RigError, can.CanError, OSError, ValueError) as error:
+        yield yellow(SHAFT, f"not read: {one_line(error)}", "mend what is red first")
+        return
+    if angles_rad:
+        yield green(
+            SHAFT, f"at {np.degrees(angles_rad[-1]):.1f} deg{_encoder(rig, angles_rad[-1])}: is it? 0 is horizontal, 90 straight down"
+        )
+
+
+def _heard(rig: RigFile, bus: can.BusABC, clock: Clock) -> list[float]:
+    motor, angles_rad = make_motor(rig, bus, clock), list[float]()
+    until_s = clock.now_s() + LISTEN_S
+    while clock.now_s() < until_s:
+        clock.wait_until(clock.now_s() + POLL_S)
+        angles_rad += motor.read().angle_rad.tolist()
+    return angles_rad
+
+
+def _encoder(rig: RigFile, angle_rad: float) -> str:
+    """What the drive itself says, where the rig file tells its zero in turns."""
+    motor = rig.motor
+    zero, gear = getattr(motor, "zero_turns", None), getattr(motor, "gear_ratio", None)
+    if zero is None or gear is None:
+        return ""
+    return f", encoder at {zero + motor.direction * gear * angle_rad / tau:.3f} turns"
 
 
 def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:

@@ -1,6 +1,7 @@
 """An ATI DAQ F/T as the force sensor: gage voltages from a sampling card, forces by the transducer's calibration."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,6 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs.ati_calibration import GAGES, Calibration
 from rfca_rig.codecs.gage_block import GageBlock
 from rfca_rig.codecs.netbox_status import SATURATED
-from rfca_rig.drivers.gage_voltages import GageVoltages
 from rfca_rig.drivers.record_sequence import RecordSequence
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
 from rfca_rig.drivers.sensor_health import FrozenCount, StatusCount
@@ -23,6 +23,27 @@ RATE_TOLERANCE = 1e-2
 RAIL_SLACK = 2.0**-15  # of the span: one code of a 16 bit converter at each rail
 BIAS_S = 0.2
 BIAS_TIMEOUT_S = 2.0
+
+
+class GageVoltages(Protocol):
+    """Six differential inputs, and a seventh for the thermistor where the calibration asks for one, on a clock of the card's own."""
+
+    def start(self) -> float:
+        """Begins to sample anew; returns the samples per second that the card's clock really gives.
+
+        Raises DeviceError where the card is not there or refuses.
+        """
+        ...
+
+    def read(self) -> list[GageBlock]:
+        """Everything sampled since the last call; never waits. Raises DeviceError where the card gave up."""
+        ...
+
+    def stop(self) -> None:
+        """May be called at any time, any number of times."""
+        ...
+
+    def identity(self) -> dict[str, str]: ...
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,16 @@
 """The control loop: one tick reads the devices, checks the limits, and only then commands the drive."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
 
+from rfca_rig.drivers.blocks import join
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, ShaftSamples
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.limit_monitor import LimitMonitor
 from rfca_rig.engine.monitors.shaft import Tracking
 from rfca_rig.engine.observer import NULL_OBSERVER, RunObserver, Tick
-from rfca_rig.engine.sample_collector import Listener, SampleCollector
 from rfca_rig.engine.stop_request import StopRequest
 from rfca_rig.errors import DeviceError, Tripped
 from rfca_rig.protocol.check import Load
@@ -19,6 +19,29 @@ from rfca_rig.trip_codes import Trip
 
 FIRST_REPORT_S = 1.0
 FIRST_LOOK_S = 0.005
+
+
+Listener = Callable[[ShaftSamples, ForceSamples], None]
+
+
+class SampleCollector:
+    """Open while a stage runs; holds every block as it came, and hands it on."""
+
+    def __init__(self, listener: Listener) -> None:
+        self._listener = listener
+        self._shaft: list[ShaftSamples] = []
+        self._force: list[ForceSamples] = []
+
+    def take(self, shaft: ShaftSamples, force: ForceSamples) -> None:
+        self._shaft.append(shaft)
+        self._force.append(force)
+        self._listener(shaft, force)
+
+    def shaft(self) -> ShaftSamples:
+        return join(self._shaft)
+
+    def force(self) -> ForceSamples:
+        return join(self._force)
 
 
 class Loop:

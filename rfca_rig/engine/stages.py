@@ -3,19 +3,62 @@
 import math
 from collections.abc import Iterator
 
-from rfca_rig.drivers.roles import Photographer
+from rfca_rig.drivers.roles import Photo, Photographer
 from rfca_rig.engine.loop import Loop
-from rfca_rig.engine.photo_capture import PhotoCapture
 from rfca_rig.engine.settling import PERIOD_S as HOLD_PERIOD_S
 from rfca_rig.engine.settling import settle
 from rfca_rig.engine.sink import Recorded, Sink
-from rfca_rig.errors import Tripped
+from rfca_rig.errors import RigError, Tripped
 from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Approach, Flap, Hold, MoveShaft, way_to
 from rfca_rig.trip_codes import Trip
 
 TICK_S = 0.002
 MOVE_TICK_S = 0.005
 SLACK = 1e-3  # of a tick: rounding must not make one out of two
+
+
+class PhotoCapture:
+    """Looked at from within the control loop: never waits, and never lets the loop wait longer than `limit_s`.
+
+    A camera's error ends its photo, not the run: force and shaft are measured all the same.
+    """
+
+    def __init__(self, camera: Photographer | None, now_s: float, limit_s: float) -> None:
+        """Asks for the photo; None asks for none."""
+        self.photo: Photo | None = None
+        self.fault = ""
+        self._camera = camera
+        self._limit_s = limit_s
+        self._ends_s = now_s + limit_s
+        if camera is not None:
+            self._begin(camera)
+
+    def _begin(self, camera: Photographer) -> None:
+        try:
+            camera.begin()
+        except RigError as error:
+            self._end(str(error))
+
+    def is_under_way(self, now_s: float) -> bool:
+        """Whether it is worth coming back; afterwards there is `photo`, or `fault` says why not."""
+        if self._camera is None:
+            return False
+        self._look(self._camera, now_s)
+        return self._camera is not None
+
+    def _look(self, camera: Photographer, now_s: float) -> None:
+        try:
+            self.photo = camera.taken()
+        except RigError as error:
+            self._end(str(error))
+        if self.photo is not None:
+            self._end("")
+        elif not self.fault and now_s >= self._ends_s:
+            self._end(f"the camera gave no photo within {self._limit_s:g} s; check its cable and power")
+
+    def _end(self, fault: str) -> None:
+        self.fault = fault
+        self._camera = None
 
 
 def move(loop: Loop, stage: MoveShaft) -> None:

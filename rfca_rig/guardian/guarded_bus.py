@@ -9,20 +9,37 @@ from multiprocessing.connection import Connection
 
 import can
 
-from rfca_rig.clock import WallClock
+from rfca_rig.clock import Clock, WallClock
 from rfca_rig.drivers.can_bus import CanBusSettings
 from rfca_rig.drivers.guard import LastWord, LetGo, Silenced
-from rfca_rig.guardian.fallback import taken_over
 from rfca_rig.guardian.link import MOST_WAITING_BYTES, Link
 from rfca_rig.guardian.process import FAILED, READY, Assignment, signature
 from rfca_rig.guardian.records import Kind, Record, frame_of, of_frame, silenced_of
 from rfca_rig.guardian.starting import started
+from rfca_rig.guardian.torque_off import EVERY_S, LEAST_TIMES
 
 STARTED_WITHIN_S = 30.0
 CONFIRMED_WITHIN_S = 0.25
 ENDED_WITHIN_S = 1.0
 HUNG_S = 0.25
 MOST_ARRIVED = 1 << 16
+
+
+def taken_over(settings: CanBusSettings, last_word: LastWord, clock: Clock) -> can.BusABC:
+    """The bus, opened here, after the last word was spoken on it a few times. Raises can.CanError where that cannot be done."""
+    try:
+        bus = settings.open()
+    except Exception as error:  # python-can's interfaces raise all sorts
+        raise can.CanInitializationError(f"the bus cannot be opened here: {error or type(error).__name__}") from error
+    try:
+        for _ in range(LEAST_TIMES):
+            for message in last_word.frames():
+                bus.send(message, timeout=0.0)
+            clock.wait_until(clock.now_s() + EVERY_S)
+    except Exception as error:
+        bus.shutdown()
+        raise can.CanOperationError(f"the drive cannot be told from here: {error or type(error).__name__}") from error
+    return bus
 
 
 class GuardedBus(can.BusABC):

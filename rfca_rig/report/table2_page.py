@@ -5,12 +5,13 @@ from typing import Any
 
 from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.table2 import PAPER_AVERAGE_ERROR_PCT, Table2
+from rfca_rig.model.parameters import RigModel
 from rfca_rig.report import overlay
-from rfca_rig.report.model_table import model_table
 from rfca_rig.report.provenance import Told
+from rfca_rig.report.quantities import quantities_of
 from rfca_rig.report.sources import ComparedSource
 from rfca_rig.report.stage_table import stage_tables
-from rfca_rig.report.table import Table
+from rfca_rig.report.table import Column, Row, Table
 from rfca_rig.report.table2_files import as_table
 from rfca_rig.report.templates import template
 from rfca_rig.report.text import (
@@ -26,6 +27,14 @@ from rfca_rig.report.text import (
     shaft_sentence,
     unbroken,
 )
+
+COLUMNS = (Column("part", role="group"), Column("parameter", "Parameter"), Column("value", "Value"), Column("unit", "Unit"))
+
+
+def model_table(rig: RigModel) -> Table:
+    """Part by part, in a lab's units."""
+    rows = [{"part": q.section, "parameter": q.name, "value": q.value, "unit": q.unit} for q in quantities_of(rig)]
+    return Table("model", "", COLUMNS, tuple(Row(row) for row in rows))
 
 
 def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: Shaft, told: Told) -> str:

@@ -115,7 +115,7 @@ def test_a_wrong_gear_or_number_of_poles_is_found_out_by_its_motion(wrong: dict,
         assert re.search(rf"speed that the drive reports is {factor} times that of its angle; check gear", r.motor.status().fault)
 
 
-@pytest.mark.parametrize(("true_ms", "believed_ms"), [(10, 2), (2, 10)])
+@pytest.mark.parametrize(("true_ms", "configured_ms"), [(10, 2), (2, 10)])
 def test_a_status_period_other_than_configured_is_refused_with_both(true_ms: int, configured_ms: int) -> None:
     settings = ServoSettings(1, **MOTOR, status_period_s=1e-3 * configured_ms)
     with (

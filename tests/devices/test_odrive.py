@@ -281,7 +281,7 @@ def test_a_message_that_is_not_switched_on_is_named(frames: list[cansimple.Frame
             OdriveMotor(here, clock, OdriveSettings(0)).enable()
 
 
-@pytest.mark.parametrize(("true_ms", "believed_ms"), [(10, 1), (1, 10)])
+@pytest.mark.parametrize(("true_ms", "configured_ms"), [(10, 1), (1, 10)])
 def test_an_encoder_period_other_than_configured_is_refused_with_both(true_ms: int, configured_ms: int) -> None:
     drive, nominal = OdriveTwinSettings(encoder_period_s=1e-3 * true_ms), OdriveSettings(0, encoder_period_s=1e-3 * configured_ms)
     with (

@@ -8,7 +8,7 @@ import pytest
 
 from rfca_rig.clock import WallClock
 from rfca_rig.description.rig_file import read_rig
-from rfca_rig.doctor.camera_checks import check_camera
+from rfca_rig.doctor.rig_checks import check_camera
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.errors import DeviceError
 from rfca_rig.twins.camera import Disturbance, render_leg

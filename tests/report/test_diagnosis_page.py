@@ -24,9 +24,8 @@ from rfca_rig.diagnosis.result import (
 )
 from rfca_rig.errors import RigError
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.report.condition_grid import condition_grid
 from rfca_rig.report.diagnosis_files import write_diagnosis
-from rfca_rig.report.diagnosis_map import EDGES, band, maps_of
+from rfca_rig.report.diagnosis_map import EDGES, band, condition_grid, maps_of
 from rfca_rig.report.diagnosis_page import page
 from rfca_rig.report.diagnosis_terminal import MOST_LINES, WIDTH, terminal_lines
 from rfca_rig.report.diagnosis_wording import UNLISTED, hypothesis, percent, significant, within_90
