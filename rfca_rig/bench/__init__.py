@@ -1,1 +1,5 @@
-"""Puts a rig together: devices from a rig file, the model behind the twins, the recording of what the engine runs."""
+"""Puts a rig together and keeps what it measures. Entry point: `factory.open_bench`.
+
+`motors`, `force_sensors` and `cameras` make drivers from a rig file; twins get a `leg_plant` and `fault_injection`. `expectation` predicts
+the loads of a plan, `recorder` turns what the engine measured into recordings, `resume` and `rig_compatibility` continue a stopped run.
+"""

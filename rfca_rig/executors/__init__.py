@@ -1,1 +1,4 @@
-"""Who does the work: this process, processes of this machine, workers of a cluster; all the same to whoever hands it out."""
+"""Who carries out many simulations: this process, processes of this machine, a cluster. Entry point: `mapping.map_unordered`.
+
+`base` defines an executor; `local`, `cluster` (Dask) and `slurm` are the kinds. `environment` makes sure that workers compute the same.
+"""
