@@ -3,7 +3,7 @@
 import subprocess
 from contextlib import suppress
 
-from rfca_rig.acquisition.process import Assignment, Source
+from rfca_rig.acquisition.process import AcquisitionAssignment, RecordSource
 from rfca_rig.acquisition.ring import Ring, RingReader
 from rfca_rig.acquisition.starting import started
 from rfca_rig.clock import WallClock
@@ -32,9 +32,9 @@ class AcquiredDatagrams:
         self._reader = RingReader(self._ring)
         self._refused = 0
         self.ring_name = self._ring.name
-        source = Source(host, port, RECORD_BYTES, MOST_RECORDS)
+        source = RecordSource(host, port, RECORD_BYTES, MOST_RECORDS)
         try:
-            self._process, self._child = started(Assignment(source, self.ring_name, clock))
+            self._process, self._child = started(AcquisitionAssignment(source, self.ring_name, clock))
         except OSError as error:
             self._ring.remove()
             raise DeviceError(f"acquisition of {self._peer}: no process can be started: {error}") from error

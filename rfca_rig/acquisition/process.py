@@ -16,7 +16,7 @@ IDLE_S = 0.2
 
 
 @dataclass(frozen=True)
-class Source:
+class RecordSource:
     """Where the records come from; each datagram holds 1..`most_records` of `record_bytes` bytes."""
 
     host: str
@@ -26,10 +26,10 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Assignment:
+class AcquisitionAssignment:
     """What to carry where. `clock` is the parent's: both stamp alike, as the clock behind it is the machine's."""
 
-    source: Source
+    source: RecordSource
     ring_name: str
     clock: WallClock
 
@@ -42,7 +42,7 @@ def acquire(parent: Connection) -> None:
     keyboard is left to the parent.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    assignment: Assignment = parent.recv()
+    assignment: AcquisitionAssignment = parent.recv()
     try:
         ring = Ring.attach(assignment.ring_name)
         datagrams = UdpDatagrams(assignment.source.host, assignment.source.port)
@@ -60,7 +60,7 @@ def acquire(parent: Connection) -> None:
 class Carrier:
     """From the socket to the ring, and orders of the parent to the socket."""
 
-    def __init__(self, source: Source, datagrams: UdpDatagrams, ring: Ring, clock: WallClock, parent: Connection) -> None:
+    def __init__(self, source: RecordSource, datagrams: UdpDatagrams, ring: Ring, clock: WallClock, parent: Connection) -> None:
         self._source = source
         self._datagrams = datagrams
         self._ring = ring

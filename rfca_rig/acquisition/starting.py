@@ -5,12 +5,12 @@ import sys
 from multiprocessing.connection import Connection
 
 from rfca_rig import subprocesses
-from rfca_rig.acquisition.process import Assignment, acquire
+from rfca_rig.acquisition.process import AcquisitionAssignment, acquire
 
 MODULE = "rfca_rig.acquisition.starting"
 
 
-def started(assignment: Assignment) -> tuple[subprocess.Popen[bytes], Connection]:
+def started(assignment: AcquisitionAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
     """The process at work, and the way to talk to it."""
     return subprocesses.started(MODULE, assignment)
 

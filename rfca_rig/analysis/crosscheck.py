@@ -20,7 +20,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed
-from rfca_rig.protocol.experiments import Condition
+from rfca_rig.protocol.experiments import PlannedCondition
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ TIGHT = Tolerance(angle_rad=1e-7, speed_rad_s=3e-4)
 class CheckedCondition:
     """One condition, `ours` by the model and `theirs` by MuJoCo at the same times."""
 
-    condition: Condition
+    condition: PlannedCondition
     ours: SimulatedStroke
     theirs: MujocoStroke
 
@@ -88,7 +88,7 @@ def difference_pct(ours: Floats, theirs: Floats) -> float:
     return 100.0 * apart / size if size else (float("inf") if apart else 0.0)
 
 
-def check_condition(rig: RigModel, condition: Condition, sweep_deg: float) -> CheckedCondition:
+def check_condition(rig: RigModel, condition: PlannedCondition, sweep_deg: float) -> CheckedCondition:
     """The model at its usual tolerance against MuJoCo under the nominal ground, sampled at 1 kHz."""
     t_s = _times(rig, condition, sweep_deg)
     ours = stroke_at_speed(rig, condition.height_m, condition.speed_rad_s, t_s)
@@ -96,7 +96,7 @@ def check_condition(rig: RigModel, condition: Condition, sweep_deg: float) -> Ch
     return CheckedCondition(condition, ours, stroke_in_mujoco(rig, condition.height_m, condition.speed_rad_s, t_s))
 
 
-def check_own_contact(rig: RigModel, condition: Condition, sweep_deg: float) -> CheckedCondition:
+def check_own_contact(rig: RigModel, condition: PlannedCondition, sweep_deg: float) -> CheckedCondition:
     """Both on `stiff_ground`, the model at a tight tolerance, so that only the law of contact is left to differ.
 
     MuJoCo's springs are as stiff as Hertz is at the valley, force over indentation.
@@ -119,12 +119,12 @@ def average_pct(checked: Sequence[CheckedCondition]) -> float:
     return float(np.mean([one.stroke_pct for one in checked]))
 
 
-def _times(rig: RigModel, condition: Condition, sweep_deg: float) -> Floats:
+def _times(rig: RigModel, condition: PlannedCondition, sweep_deg: float) -> Floats:
     end_s = float(np.radians(sweep_deg)) / condition.speed_rad_s + 0.5 * rig.drive.ramp_s
     return np.arange(max(int(end_s / SAMPLE_S), 1) + 1, dtype=np.float64) * SAMPLE_S
 
 
-def _must_touch(stroke: SimulatedStroke, condition: Condition) -> None:
+def _must_touch(stroke: SimulatedStroke, condition: PlannedCondition) -> None:
     if not (stroke.normal_N > 0.0).any():
         raise BadInput(f"at {1e3 * condition.height_m:g} mm the leg never touches the ground: no contact force to compare; lower the rack")
     if (stroke.normal_N[0] > 0.0).any():

@@ -13,7 +13,7 @@ from rfca_rig.recording.model import StaticStage
 
 
 @dataclass(frozen=True)
-class Drift:
+class StiffnessDrift:
     """Change of the forces since the first check, as a share of them, and its standard error (nan from a single force)."""
 
     relative: float
@@ -23,7 +23,7 @@ class Drift:
         return f"{100.0 * self.relative:+.2f} +- {100.0 * self.std:.2f} %"
 
 
-def stiffness_drift(stages: Sequence[StaticStage], holds: int, check: int) -> Drift | None:
+def stiffness_drift(stages: Sequence[StaticStage], holds: int, check: int) -> StiffnessDrift | None:
     """Of the check with that number, each of which is `holds` stages; None where it, or the first, is not whole.
 
     Least squares of fy and fz at all angles on those of the first check; the standard error is from what is left over.
@@ -36,7 +36,7 @@ def stiffness_drift(stages: Sequence[StaticStage], holds: int, check: int) -> Dr
     factor = float(first @ now) / weight
     left_over = now - factor * first
     variance = float(left_over @ left_over) / (len(first) - 1) if len(first) > 1 else np.nan
-    return Drift(factor - 1.0, float(np.sqrt(variance / weight)))
+    return StiffnessDrift(factor - 1.0, float(np.sqrt(variance / weight)))
 
 
 def _forces(stages: Mapping[int, StaticStage], holds: int, check: int) -> np.ndarray | None:

@@ -11,7 +11,7 @@ PAPER_AVERAGE_ERROR_PCT = (3.2, 2.7)  # time and force, the paper's section IV.B
 
 
 @dataclass(frozen=True)
-class Row:
+class Table2Row:
     """One condition. `time`, `fz` are the measured valleys' spread, `simulated_*` the model's mean valley, None where it has none.
 
     `refused` says which strokes gave no valley, and why; `repeats` counts those that did.
@@ -56,7 +56,7 @@ class Row:
 class Table2:
     """Rows in the order of their sources, heights and speeds."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[Table2Row, ...]
 
     @property
     def average_time_error_pct(self) -> float | None:
@@ -69,12 +69,12 @@ class Table2:
         return _mean([row.force_error_pct for row in self.rows])
 
 
-def row_of(compared: ComparedCondition, source: str) -> Row:
+def row_of(compared: ComparedCondition, source: str) -> Table2Row:
     """The row of one condition; `source` names the recording it came from."""
     measured = [r.valley for r in compared.repeats if isinstance(r.valley, Valley)]
     simulated = [s.valley for s in compared.simulated if isinstance(s.valley, Valley)]
     speeds = [s.shaft_speed_rad_s for s in compared.simulated]
-    return Row(
+    return Table2Row(
         source=source,
         height_m=compared.condition.height_m,
         speed_rad_s=compared.condition.speed_rad_s,

@@ -24,7 +24,7 @@ WITHOUT_A_WORD = "it ended without a word: a crash, or a power cut"
 
 
 @dataclass(frozen=True)
-class Begun:
+class InterruptedRun:
     """`header` is what it began with, `plan` the whole plan, `static` the stages so far with what their photos showed.
 
     `why` it stopped last; `last_seen` are both clocks at its last word that tells them; `ending` is what its end said of it, `resumed` how
@@ -51,7 +51,7 @@ class Begun:
         return None if first is None else int(np.random.SeedSequence([int(first), self.resumed + 1]).generate_state(1)[0])
 
 
-def read_begun(folder: Path) -> Begun:
+def read_begun(folder: Path) -> InterruptedRun:
     """What is there of the run; its journals are made into stage files first, as `recover` does.
 
     Raises BadInput where there is no run, where it still goes on or is done, where a file is damaged, or where its stages are not
@@ -73,7 +73,7 @@ def read_begun(folder: Path) -> Begun:
     ending = read_ending(folder)
     static = run_folder.as_seen(tuple(stage for part in found for stage in part.static), ending)
     _check_stages(folder, plan, strokes, static)
-    return Begun(
+    return InterruptedRun(
         folder=folder,
         header=header,
         plan=plan,

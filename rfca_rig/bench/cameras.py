@@ -66,7 +66,7 @@ class DelayedCamera:
         return self._camera.identity()
 
 
-class Announced:
+class AnnouncingCamera:
     """Implements `Camera`: tells the person at the shutter when it is time."""
 
     def __init__(self, camera: Camera, tell: Callable[[str], None]) -> None:
@@ -92,7 +92,7 @@ def make_camera(section: CameraSection, eye: Eye, clock: Clock, stack: ExitStack
             camera = OpenCvCamera(section.number, eye.camera.image_size_px, clock)
         case PhotoFolderSection():
             arriving = ArrivingPhotos(Path(section.folder), clock, section.photo_limit_s)
-            camera = Announced(arriving, lambda line: print(line, file=sys.stderr))
+            camera = AnnouncingCamera(arriving, lambda line: print(line, file=sys.stderr))
     threaded = CameraThread(camera)
     stack.callback(threaded.close)
     return threaded

@@ -10,7 +10,7 @@ import numpy as np
 from rfca_rig.bench.cameras import make_camera, make_twin_camera
 from rfca_rig.bench.fault_injection import FaultInjection
 from rfca_rig.bench.force_sensors import make_force_sensor, make_sensor_pair
-from rfca_rig.bench.leg_plant import LegPlant, Scatter
+from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.bench.motors import make_motor, make_motor_twin, open_commanding_bus
 from rfca_rig.bench.racks import HandRack, TwinRack
 from rfca_rig.clock import TwinClock, WallClock
@@ -106,6 +106,6 @@ def _plant(rig: RigFile, twin: TwinSection, chance: np.random.Generator) -> LegP
         height_m=FIRST_HEIGHT_M,
         shaft_angle_rad=rig.facts().parked_angle_rad,
         rotor_inertia_kg_m2=twin.drive.rotor_inertia_kg_m2,
-        scatter=Scatter(twin.scatter.friction, twin.scatter.height_mm / 1e3),
+        scatter=TwinScatter(twin.scatter.friction, twin.scatter.height_mm / 1e3),
         random=chance,
     )

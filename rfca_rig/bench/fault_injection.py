@@ -12,11 +12,11 @@ from rfca_rig.twin_server.fault_schedule import Agenda, Switching
 from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, Fault, FaultPanel
 from rfca_rig.twin_server.moteus_faults import MOTEUS_FAULTS, MoteusDialect, moteus_events
 from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
-from rfca_rig.twin_server.tampered_bus import Dialect, NoDialect, TamperedBus
+from rfca_rig.twin_server.tampered_bus import DriveDialect, NoDialect, TamperedBus
 from rfca_rig.twin_server.tampered_link import TamperedLink
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin
-from rfca_rig.twins.datagram_link import Link
+from rfca_rig.twins.datagram_link import DatagramLink
 from rfca_rig.twins.moteus import MoteusTwin
 from rfca_rig.twins.motor import MotorTwin
 from rfca_rig.twins.odrive import OdriveTwin
@@ -45,7 +45,7 @@ def _motor_faults(rig: RigFile) -> tuple[Fault, ...]:
             return ()
 
 
-def dialect_of(rig: RigFile) -> Dialect:
+def dialect_of(rig: RigFile) -> DriveDialect:
     match rig.motor:
         case OdriveSection():
             return OdriveDialect()
@@ -82,7 +82,7 @@ class FaultInjection:
         """The drive's end of the wire."""
         return end if self._is_idle else TamperedBus(end, self._panel, dialect_of(self._rig))
 
-    def on_link(self, link: Link) -> Link:
+    def on_link(self, link: DatagramLink) -> DatagramLink:
         """The sensor's end of the network."""
         return link if self._is_idle else TamperedLink(link, self._panel)
 

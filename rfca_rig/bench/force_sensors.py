@@ -9,7 +9,7 @@ import numpy as np
 
 from rfca_rig.acquisition.acquired import AcquiredDatagrams
 from rfca_rig.clock import Clock, WallClock
-from rfca_rig.codecs.ati_calibration import Calibration, parse_calibration
+from rfca_rig.codecs.ati_calibration import TransducerCalibration, parse_calibration
 from rfca_rig.codecs.ati_serial import LARGEST_COUNT
 from rfca_rig.description.force_sensor_sections import (
     AtiDaqSection,
@@ -32,7 +32,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.subprocesses import can_be_started
 from rfca_rig.twins.ati_serial import AtiSerialTwin, AtiSerialTwinSettings
 from rfca_rig.twins.daq_ft import DaqFtTwin, DaqFtTwinSettings
-from rfca_rig.twins.datagram_link import Link, datagram_link
+from rfca_rig.twins.datagram_link import DatagramLink, datagram_link
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.netft_box import NetFtBoxTwin
 from rfca_rig.twins.sensor import SensorTwin
@@ -77,7 +77,9 @@ class SensorPair:
     driver: Callable[[Clock], ForceSensor]
 
 
-def make_sensor_pair(rig: RigFile, twin: TwinSection, random: np.random.Generator, on_link: Callable[[Link], Link]) -> SensorPair:
+def make_sensor_pair(
+    rig: RigFile, twin: TwinSection, random: np.random.Generator, on_link: Callable[[DatagramLink], DatagramLink]
+) -> SensorPair:
     """The twin that [force_sensor] names on a wire of its own, all in this process. `random` is the sensor's noise.
 
     `on_link` puts whatever happens on a network between the twin and its link.
@@ -100,7 +102,9 @@ def make_sensor_pair(rig: RigFile, twin: TwinSection, random: np.random.Generato
             return SensorPair(make_own_twin(keys, twin, random, device), lambda clock: keys.driver(host, clock))
 
 
-def _netft_pair(sensor: NetFtSection, twin: TwinSection, random: np.random.Generator, on_link: Callable[[Link], Link]) -> SensorPair:
+def _netft_pair(
+    sensor: NetFtSection, twin: TwinSection, random: np.random.Generator, on_link: Callable[[DatagramLink], DatagramLink]
+) -> SensorPair:
     here, there = datagram_link()
     settings = _netft_twin(sensor, twin)
     streaming = NetFtTwin(on_link(there), settings, random)
@@ -108,7 +112,9 @@ def _netft_pair(sensor: NetFtSection, twin: TwinSection, random: np.random.Gener
     return SensorPair(streaming, lambda clock: NetFtSensor(here, clock, _netft(sensor), box))
 
 
-def make_netft_twins(sensor: NetFtSection, twin: TwinSection, random: np.random.Generator, link: Link) -> tuple[NetFtTwin, NetFtBoxTwin]:
+def make_netft_twins(
+    sensor: NetFtSection, twin: TwinSection, random: np.random.Generator, link: DatagramLink
+) -> tuple[NetFtTwin, NetFtBoxTwin]:
     """The twin of a Net F/T on a link from elsewhere, and what else its box answers."""
     settings = _netft_twin(sensor, twin)
     streaming = NetFtTwin(link, settings, random)
@@ -167,7 +173,7 @@ def _noise_std(twin: TwinSection) -> tuple[float, ...]:
     return (twin.noise_N,) * 3 + (twin.noise_Nm,) * 3
 
 
-def _calibration(sensor: AtiDaqSection) -> Calibration:
+def _calibration(sensor: AtiDaqSection) -> TransducerCalibration:
     """Raises BadInput where there is no such file, or it is none."""
     try:
         content = Path(sensor.calibration_file).read_bytes()

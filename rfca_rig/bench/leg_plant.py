@@ -20,7 +20,7 @@ IN_THE_AIR_S = 0.2  # longer than a bounce: the next touch is a new one
 
 
 @dataclass(frozen=True)
-class Scatter:
+class TwinScatter:
     """Standard deviations of what differs from repeat to repeat: floor friction at each touchdown, height at each setting."""
 
     friction: float = 0.0
@@ -38,7 +38,7 @@ class LegPlant:
     height_m: float
     shaft_angle_rad: float
     rotor_inertia_kg_m2: float
-    scatter: Scatter
+    scatter: TwinScatter
     random: np.random.Generator
     _now_s: float = 0.0
     _step_s: float = 1e-4

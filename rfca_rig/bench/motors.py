@@ -3,7 +3,7 @@
 import can
 
 from rfca_rig.clock import Clock, WallClock
-from rfca_rig.codecs.odrive_messages import Dialect
+from rfca_rig.codecs.odrive_messages import OdriveFirmware
 from rfca_rig.description.motor_sections import (
     CubemarsMitSection,
     CubemarsServoSection,
@@ -114,7 +114,7 @@ def _odrive(motor: OdriveSection, timeout_s: float) -> OdriveSettings:
         zero_turns=motor.zero_turns,
         encoder_period_s=motor.encoder_period_ms / 1e3,
         heartbeat_timeout_s=timeout_s,
-        dialect=Dialect(motor.dialect),
+        dialect=OdriveFirmware(motor.dialect),
         torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A,
     )
 
@@ -127,7 +127,7 @@ def _odrive_twin(motor: OdriveSection, drive: TwinDriveSection) -> OdriveTwinSet
         zero_turns=motor.zero_turns,
         gains=_gains(drive),
         encoder_period_s=motor.encoder_period_ms / 1e3,
-        dialect=Dialect(motor.dialect),
+        dialect=OdriveFirmware(motor.dialect),
         torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A or 1.0,
     )
 

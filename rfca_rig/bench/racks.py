@@ -1,7 +1,7 @@
 """What sets the rack's height: a hand on the lead screws, or a twin."""
 
 from rfca_rig.errors import BadInput
-from rfca_rig.twins.plant import Plant
+from rfca_rig.twins.plant import TwinPlant
 
 
 class HandRack:
@@ -21,7 +21,7 @@ class HandRack:
 class TwinRack:
     """Moves at once."""
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: TwinPlant) -> None:
         self._plant = plant
 
     def set_height(self, height_m: float) -> None:

@@ -18,11 +18,11 @@ from rfca_rig.progress import Watcher, unwatched
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.plan import Approach, Flap, Hold
-from rfca_rig.recording.blocks import Begin, Condition, End, event_block, samples_block, start_block
+from rfca_rig.recording.blocks import Begin, End, StrokeCondition, event_block, samples_block, start_block
 from rfca_rig.recording.cycle_table import CYCLE_FORM, cycle_row
 from rfca_rig.recording.keeper import Keeper
 from rfca_rig.recording.model import StaticStage, Stroke
-from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, ColumnForm, Rows, Start, StreamForm, stream_of
+from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, ColumnForm, CommandedStart, Rows, StreamForm, stream_of
 from rfca_rig.vision.leg_photo import Eye
 
 Floats = NDArray[np.float64]
@@ -65,9 +65,9 @@ def force_rows(samples: ForceSamples) -> Rows:
     return rows
 
 
-def commanded_start(start_s: float, turns_rad: float) -> Start:
+def commanded_start(start_s: float, turns_rad: float) -> CommandedStart:
     """What makes the host's time zero at the start, and brings the shaft within one turn of the stage's own angles."""
-    return Start(start_s, {"shaft_angle_rad": -turns_rad, HOST_TIME: -start_s})
+    return CommandedStart(start_s, {"shaft_angle_rad": -turns_rad, HOST_TIME: -start_s})
 
 
 class Recorder:
@@ -110,7 +110,7 @@ class Recorder:
         self._note_clocks()
 
     def flap(self, stage: Flap, recorded: Recorded) -> None:
-        self._keeper.give(End(stroke=Condition(stage.speed_rad_s, stage.repeat)).block())
+        self._keeper.give(End(stroke=StrokeCondition(stage.speed_rad_s, stage.repeat)).block())
         self.strokes.append(stroke_of(stage, recorded, self._scale))
         self.where = f"after {stage.label}"
 

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from rfca_rig.bench.begun import RESUMED, Begun
+from rfca_rig.bench.begun import RESUMED, InterruptedRun
 from rfca_rig.bench.stage_photos import photo_hashes, read_stage_photos
 from rfca_rig.clock import Clock
 from rfca_rig.recording import run_folder
@@ -13,7 +13,7 @@ from rfca_rig.recording.run_text import Ending, events_of
 from rfca_rig.vision.leg_photo import Eye
 
 
-def go_on(begun: Begun, clock: Clock, operator: str, seed: int | None, rig_changes: Mapping[str, str]) -> None:
+def go_on(begun: InterruptedRun, clock: Clock, operator: str, seed: int | None, rig_changes: Mapping[str, str]) -> None:
     """Opens the run's folder again, and says in its events when and why it had stopped, who goes on, and what is not as it was."""
     event = {
         "event": RESUMED,
@@ -30,7 +30,9 @@ def go_on(begun: Begun, clock: Clock, operator: str, seed: int | None, rig_chang
     run_folder.reopen(begun.folder, event)
 
 
-def ending_of(folder: Path, known: Mapping[str, str], stages: Sequence[StaticStage], begun: Begun | None, eye: Eye | None) -> Ending:
+def ending_of(
+    folder: Path, known: Mapping[str, str], stages: Sequence[StaticStage], begun: InterruptedRun | None, eye: Eye | None
+) -> Ending:
     """How the run ended, with the static stages of all its parts; photos of earlier parts that nobody read are read now."""
     earlier = () if begun is None else tuple(_seen(stage, folder, eye) for stage in begun.static)
     text = {} if begun is None else {"resumed": _resumed_text(folder)}

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rfca_rig.bench.begun import Begun
+from rfca_rig.bench.begun import InterruptedRun
 from rfca_rig.description.own_devices import texts_of
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.description.toml import model_of, read_text
@@ -24,7 +24,7 @@ class RigNow:
     changes: Mapping[str, str] = field(default_factory=dict)
 
 
-def rig_to_go_on(begun: Begun, path: Path, deliberately: bool) -> RigNow:
+def rig_to_go_on(begun: InterruptedRun, path: Path, deliberately: bool) -> RigNow:
     """The rig file in `path`. Raises BadInput, naming the keys, where it differs from what the run began with and that is not meant.
 
     What is believed of the leg and its surroundings may not change within a run, whoever means it: the recording has one belief.
@@ -50,13 +50,13 @@ def _changes(before: RigFile, now: RigFile) -> dict[str, str]:
     return {key: str(stands.get(key, "gone")) for key in sorted({*was, *stands}) if was.get(key) != stands.get(key)}
 
 
-def _other_drivers(begun: Begun, now: RigFile) -> dict[str, str]:
+def _other_drivers(begun: InterruptedRun, now: RigFile) -> dict[str, str]:
     """Files of own devices that do not read as they did, as they read now."""
     before = begun.header.provenance
     return {name: text for name, text in texts_of(now.motor, now.force_sensor).items() if before.get(name, text) != text}
 
 
-def _other_curve(begun: Begun, before: RigFile, now: RigFile) -> dict[str, str]:
+def _other_curve(begun: InterruptedRun, before: RigFile, now: RigFile) -> dict[str, str]:
     """The file of a torque-rotation curve that does not read as it did. A run with a model file does not use the rig file's curve."""
     section = before.leg.torque_rotation
     if section is None or section.curve is None or "model_file" in begun.header.provenance:

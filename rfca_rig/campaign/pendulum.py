@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.campaign.pendulum_layout import FILE_NAME, ColumnsSection, LinkSection, PendulumFile, PendulumRunSection
-from rfca_rig.campaign.table import Table, numbers, read_table, select_samples
+from rfca_rig.campaign.table import CsvTable, numbers, read_table, select_samples
 from rfca_rig.description.toml import place_of, read_toml
 from rfca_rig.errors import BadInput
 from rfca_rig.model.pendulum import Pendulum, PendulumLink
@@ -157,7 +157,7 @@ def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> Pend
     )
 
 
-def _column(table: Table, values: Floats, columns: ColumnsSection, quantity: str) -> Floats:
+def _column(table: CsvTable, values: Floats, columns: ColumnsSection, quantity: str) -> Floats:
     name = columns.of(quantity)
     if name not in table.names:
         hint = "; if the motors were off, give driven = false for this run" if quantity.startswith("torque") else ""

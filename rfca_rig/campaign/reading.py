@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.campaign.columns import DYNAMIC, STATIC, STATIC_NEEDED, fault_in_names, unit_of
 from rfca_rig.campaign.layout import FILE_NAME, FORMAT, CampaignFile, DynamicRun
-from rfca_rig.campaign.table import Table, number, numbers, read_table, rows
+from rfca_rig.campaign.table import CsvTable, number, numbers, read_table, rows
 from rfca_rig.channels import HINGES
 from rfca_rig.description.sections import RigSections
 from rfca_rig.description.toml import place_of, read_text, read_toml
@@ -49,7 +49,7 @@ def read_stages(path: Path, strokes_before: int | None = None, held_s: float | N
     return stages, extra
 
 
-def _stage(table: Table, row: int, cells: Mapping[str, str]) -> StaticStage:
+def _stage(table: CsvTable, row: int, cells: Mapping[str, str]) -> StaticStage:
     value = {name: number(table, row, name, cells[name]) for name in STATIC if name in cells and name != "direction"}
     return StaticStage(
         height_m=_positive(table, row, "height_mm", value["height_mm"]) / 1e3,
@@ -63,19 +63,19 @@ def _stage(table: Table, row: int, cells: Mapping[str, str]) -> StaticStage:
     )
 
 
-def _positive(table: Table, row: int, name: str, value: float) -> float:
+def _positive(table: CsvTable, row: int, name: str, value: float) -> float:
     if value <= 0:
         raise table.fault(row, f"column {name}: {value:g} should be greater than 0")
     return value
 
 
-def _whole(table: Table, row: int, name: str, value: float) -> int:
+def _whole(table: CsvTable, row: int, name: str, value: float) -> int:
     if value < 0 or not value.is_integer():
         raise table.fault(row, f"column {name}: {value:g} should be a whole number, 0 or more")
     return int(value)
 
 
-def _direction(table: Table, row: int, cell: str) -> Direction:
+def _direction(table: CsvTable, row: int, cell: str) -> Direction:
     if cell not in DIRECTIONS:
         raise table.fault(row, f"column direction: {cell!r} should be loading or unloading")
     return cast(Direction, cell)
@@ -96,7 +96,7 @@ def read_stroke(path: Path, run: DynamicRun) -> Stroke:
     return Stroke(run.height_mm / 1e3, run.speed_rad_s, run.repeat, {STREAM: stream}, run.strokes_before)
 
 
-def _check_names(table: Table) -> None:
+def _check_names(table: CsvTable) -> None:
     said = fault_in_names(table.names, known=DYNAMIC, needed=("t_s",))
     if said is None and len(table.names) == 1:
         said = f"only t_s, and nothing that was measured; known channels are {', '.join(DYNAMIC[1:])}"
@@ -104,7 +104,7 @@ def _check_names(table: Table) -> None:
         raise BadInput(f"{table.path}:1: {said}")
 
 
-def _check_time(table: Table, t_s: Floats) -> None:
+def _check_time(table: CsvTable, t_s: Floats) -> None:
     """Time must run forwards, start at least 0.1 s before the motion, and reach it: otherwise the rest before it is not known."""
     backwards = np.flatnonzero(np.diff(t_s) <= 0)
     if backwards.size:

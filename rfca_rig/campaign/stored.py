@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 
 from rfca_rig.campaign.opening import RECORDING_NAME, open_recordings
-from rfca_rig.campaign.stored_samples import InFile, InMemory, Samples
+from rfca_rig.campaign.stored_samples import InFile, InMemory, StoredSamples
 from rfca_rig.protocol.plan import flap_label
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.cycle_table import CYCLES
@@ -29,7 +29,7 @@ class StoredStage:
     label: str
     about: Mapping[str, Any]
     height_m: float
-    samples: Samples = field(repr=False)
+    samples: StoredSamples = field(repr=False)
     speed_rad_s: float = 0.0
     cut_short: str = ""
 
@@ -115,10 +115,10 @@ def _raw_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
         yield _raw(InFile.of(path, file, f"{RAW}/{name}"), str(about["label"]), height_m, str(about["cut_short"]))
 
 
-def _stroke(samples: Samples, height_m: float, speed_rad_s: float, repeat: int) -> StoredStage:
+def _stroke(samples: StoredSamples, height_m: float, speed_rad_s: float, repeat: int) -> StoredStage:
     about = {"height_mm": height_mm(height_m), "speed_rad_s": speed_rad_s, "repeat": repeat}
     return StoredStage(flap_label(height_m, speed_rad_s, repeat), about, height_m, samples, speed_rad_s)
 
 
-def _raw(samples: Samples, label: str, height_m: float, cut_short: str) -> StoredStage:
+def _raw(samples: StoredSamples, label: str, height_m: float, cut_short: str) -> StoredStage:
     return StoredStage(label, {"height_mm": height_mm(height_m), "cut_short": cut_short}, height_m, samples, cut_short=cut_short)

@@ -15,7 +15,7 @@ from rfca_rig.recording.strokes import TIME, read_streams, streams_in
 Streams = Mapping[str, Stream]
 
 
-class Samples(Protocol):
+class StoredSamples(Protocol):
     """Where a stage's samples are. `names` are those of its streams, `span_s` its first and last time, both 0 where there are none."""
 
     @property

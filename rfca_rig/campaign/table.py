@@ -25,7 +25,7 @@ _SEPARATORS = {";": "';'", "\t": "tabs"}
 
 
 @dataclass(frozen=True)
-class Table:
+class CsvTable:
     """A comma-separated file: the names in its first line, and the other lines unparsed. Data line i is line i + 2 of the file."""
 
     path: Path
@@ -37,7 +37,7 @@ class Table:
         return BadInput(f"{self.path}:{row + 2}: {said}")
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> CsvTable:
     """The file's header and lines. Raises BadInput for a file that is missing, empty, not UTF-8 or not comma-separated."""
     lines = read_text(path).replace("\r\n", "\n").replace("\r", "\n").split("\n")
     while lines and not lines[-1].strip():
@@ -47,7 +47,7 @@ def read_table(path: Path) -> Table:
     names = _names(path, lines[0])
     if len(lines) == 1:
         raise BadInput(f"{path}:1: holds column names and no data")
-    return Table(path, names, tuple(lines[1:]))
+    return CsvTable(path, names, tuple(lines[1:]))
 
 
 def _names(path: Path, header: str) -> tuple[str, ...]:
@@ -59,30 +59,30 @@ def _names(path: Path, header: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in next(csv.reader([header], skipinitialspace=True)))
 
 
-def numbers(table: Table) -> Floats:
+def numbers(table: CsvTable) -> Floats:
     """All cells (rows, columns) as finite numbers. Raises BadInput naming line and column of the first that is not one."""
     return _numbers_at(table, range(len(table.names)))
 
 
-def columns(table: Table, names: Sequence[str]) -> Floats:
+def columns(table: CsvTable, names: Sequence[str]) -> Floats:
     """The same of these columns (rows, k) alone, whatever the others hold. Raises ValueError for a name that is none."""
     return _numbers_at(table, [table.names.index(name) for name in names])
 
 
-def _numbers_at(table: Table, places: Sequence[int]) -> Floats:
+def _numbers_at(table: CsvTable, places: Sequence[int]) -> Floats:
     values = _fast(table)
     if values is None or not np.isfinite(values[:, places]).all():
         return np.array([[number(table, row, table.names[i], cells[i]) for i in places] for row, cells in enumerate(rows(table))])
     return np.ascontiguousarray(values[:, places])
 
 
-def numeric_columns(table: Table) -> dict[str, Floats | None]:
+def numeric_columns(table: CsvTable) -> dict[str, Floats | None]:
     """Every column by its name, (rows,), None where it holds anything but finite numbers. Raises BadInput as `rows` does."""
     cells = dict(zip(table.names, zip(*rows(table), strict=True), strict=True))
     return {name: None if any(map(_fault_in_number, column)) else np.array(column, dtype=float) for name, column in cells.items()}
 
 
-def _fast(table: Table) -> Floats | None:
+def _fast(table: CsvTable) -> Floats | None:
     """All cells (rows, columns), None where some are no numbers or a line has not one cell per column."""
     try:
         values = np.loadtxt(table.lines, delimiter=",", dtype=np.float64, comments=None, quotechar='"', ndmin=2)
@@ -91,14 +91,14 @@ def _fast(table: Table) -> Floats | None:
     return values if values.shape == (len(table.lines), len(table.names)) else None
 
 
-def number(table: Table, row: int, name: str, cell: str) -> float:
+def number(table: CsvTable, row: int, name: str, cell: str) -> float:
     """The cell in data line `row`, from 0, as a finite number; raises BadInput naming line and column."""
     if said := _fault_in_number(cell):
         raise table.fault(row, f"column {name}: {said}")
     return float(cell)
 
 
-def rows(table: Table) -> Iterator[tuple[str, ...]]:
+def rows(table: CsvTable) -> Iterator[tuple[str, ...]]:
     """The cells of each data line, as text without blanks around it. Raises BadInput where a line has not one cell per column."""
     for row, line in enumerate(table.lines):
         cells = tuple(cell.strip() for cell in next(csv.reader([line], skipinitialspace=True), ()))

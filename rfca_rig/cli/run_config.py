@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rfca_rig.bench.begun import Begun
+from rfca_rig.bench.begun import InterruptedRun
 from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.protocol.plan import Plan
@@ -47,7 +47,7 @@ class RunConfig:
     eye: Eye | None = None
     camera_text: str = ""
     rig_name: str = ""
-    begun: Begun | None = None
+    begun: InterruptedRun | None = None
     rig_changes: Mapping[str, str] = field(default_factory=dict)
     operator: str = ""
     sample: str = ""

@@ -18,7 +18,7 @@ from rfca_rig.vision.leg_photo import Eye
 
 
 @dataclass(frozen=True)
-class Asked:
+class RunOptions:
     """The options as typed: names or paths of rig and protocol, a model in place of the nominal one, where runs go, who and what."""
 
     rig: str
@@ -34,7 +34,7 @@ class Asked:
     faults: Sequence[str] = ()
 
 
-def order_of(asked: Asked, plan_of: Callable[[Path, RigFacts], Plan]) -> RunConfig:
+def order_of(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]) -> RunConfig:
     """`plan_of` reads the protocol's file into the plan of a rig. Raises BadInput for whatever cannot be used."""
     rig_path, protocol_path = find_file("calibration", asked.rig), find_file("protocols", asked.protocol)
     rig = read_rig(rig_path)

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from textwrap import wrap
 
-from rfca_rig.logbook.entry import Condition, Entry
+from rfca_rig.logbook.entry import Entry, LoggedCondition
 
 WIDTH = 80
 WHEN_WIDTH, ENDED_WIDTH = 16, 11
@@ -76,7 +76,7 @@ def _motions(entry: Entry) -> Iterator[str]:
         yield f"conditions: {', '.join(entry.named_conditions)}" if few else f"{len(entry.named_conditions)} conditions"
 
 
-def _conditions(conditions: Sequence[Condition]) -> str:
+def _conditions(conditions: Sequence[LoggedCondition]) -> str:
     heights = _values((one.height_mm for one in conditions), "mm")
     speeds = _values((one.speed_rad_s for one in conditions if one.speed_rad_s is not None), "rad/s")
     return "; ".join(filter(None, (heights, speeds)))

@@ -38,7 +38,7 @@ class TemperatureCompensation:
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class TransducerCalibration:
     """One transducer's calibration in SI: `matrix` (6, 6) N and N m per volt, `limits` (6,) the rated load, `rails_V` lowest, highest.
 
     `force_unit` and `torque_unit` are those of the file. `compensated_in_hardware`: the transducer's own circuit does it.
@@ -77,7 +77,7 @@ class Calibration:
         return gages
 
 
-def parse_calibration(content: bytes, where: str) -> Calibration:
+def parse_calibration(content: bytes, where: str) -> TransducerCalibration:
     """The calibration in a .cal file. Raises BadInput, `where` first and in one line, for anything that is not whole and clear."""
     try:
         return _sensor(_root(content))
@@ -97,17 +97,17 @@ def _root(content: bytes) -> Xml.Element:
     return root
 
 
-def _sensor(root: Xml.Element) -> Calibration:
+def _sensor(root: Xml.Element) -> TransducerCalibration:
     gages = _text(root, "NumGages")
     if gages != str(GAGES):
         raise MalformedFrame(f"NumGages is {gages!r}, only transducers of {GAGES} gages are known")
-    calibrations = root.findall("Calibration")
+    calibrations = root.findall("TransducerCalibration")
     if len(calibrations) != 1:
         raise MalformedFrame(f"holds {len(calibrations)} <Calibration> elements, expected one; keep the one of the range in use")
     element = calibrations[0]
     to_si = _to_si(element)
     rows, limits = _axes(element)
-    return Calibration(
+    return TransducerCalibration(
         serial_number=_text(root, "Serial"),
         body_style=root.get("BodyStyle", ""),
         part_number=_text(element, "PartNumber"),

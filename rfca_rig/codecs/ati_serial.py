@@ -39,7 +39,7 @@ class RecordForm(Enum):
         return sizes[self]
 
 
-class Command(bytes, Enum):
+class AtiCommand(bytes, Enum):
     """What the controller is asked, without the carriage return. An empty command ends a stream."""
 
     NOTHING = b""
@@ -57,14 +57,14 @@ class Command(bytes, Enum):
 
 
 SETUP = {
-    RecordForm.ASCII: (Command.FORCES, Command.LINE_FEEDS, Command.ASCII),
-    RecordForm.BINARY: (Command.FORCES, Command.CHECKSUM_OFF, Command.BINARY),
-    RecordForm.BINARY_CHECKSUM: (Command.FORCES, Command.CHECKSUM_ON, Command.BINARY),
+    RecordForm.ASCII: (AtiCommand.FORCES, AtiCommand.LINE_FEEDS, AtiCommand.ASCII),
+    RecordForm.BINARY: (AtiCommand.FORCES, AtiCommand.CHECKSUM_OFF, AtiCommand.BINARY),
+    RecordForm.BINARY_CHECKSUM: (AtiCommand.FORCES, AtiCommand.CHECKSUM_ON, AtiCommand.BINARY),
 }
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class AtiRecord:
     """`error` is 0 while the values are good: saturation and a transducer that is not connected set it. Counts: fx fy fz tx ty tz."""
 
     error: int
@@ -78,7 +78,7 @@ def encode_command(command: bytes) -> bytes:
     return bytes(command) + END
 
 
-def encode_record(record: Record, form: RecordForm) -> bytes:
+def encode_record(record: AtiRecord, form: RecordForm) -> bytes:
     """One record as the controller sends it. Raises NotEncodable for a count that 16 bits do not hold."""
     try:
         packed = _BINARY.pack(record.error, *record.counts)
@@ -89,22 +89,22 @@ def encode_record(record: Record, form: RecordForm) -> bytes:
     return packed + (checksum(packed) if form is RecordForm.BINARY_CHECKSUM else b"")
 
 
-def decode_record(data: bytes, form: RecordForm) -> Record:
+def decode_record(data: bytes, form: RecordForm) -> AtiRecord:
     """One record. Raises MalformedFrame for a wrong length, form, error flag or checksum."""
     return _decode_ascii(data) if form is RecordForm.ASCII else _decode_binary(data, form)
 
 
-def _decode_ascii(line: bytes) -> Record:
+def _decode_ascii(line: bytes) -> AtiRecord:
     found = _ASCII.fullmatch(line)
     if found is None:
         raise MalformedFrame(f"line {line[:60]!r} is no record of an error flag and six counts")
     counts = [int(word) for word in found[2].split(b",")[1:]]
     if not all(-LARGEST_COUNT - 1 <= count <= LARGEST_COUNT for count in counts):
         raise MalformedFrame(f"line {line[:60]!r} holds a count beyond 16 bits")
-    return Record(int(found[1]), (counts[0], counts[1], counts[2], counts[3], counts[4], counts[5]))
+    return AtiRecord(int(found[1]), (counts[0], counts[1], counts[2], counts[3], counts[4], counts[5]))
 
 
-def _decode_binary(data: bytes, form: RecordForm) -> Record:
+def _decode_binary(data: bytes, form: RecordForm) -> AtiRecord:
     if len(data) != form.record_bytes:
         raise MalformedFrame(f"binary record of {len(data)} bytes, expected {form.record_bytes}")
     if form is RecordForm.BINARY_CHECKSUM and checksum(data[:-1]) != data[-1:]:
@@ -112,7 +112,7 @@ def _decode_binary(data: bytes, form: RecordForm) -> Record:
     error, fx, fy, fz, tx, ty, tz = _BINARY.unpack(data[: _BINARY.size])
     if error > 1:
         raise MalformedFrame(f"binary record begins with error flag 0x{error:02x}, expected 0 or 1")
-    return Record(error, (fx, fy, fz, tx, ty, tz))
+    return AtiRecord(error, (fx, fy, fz, tx, ty, tz))
 
 
 def checksum(record: bytes) -> bytes:

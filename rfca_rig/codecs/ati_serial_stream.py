@@ -4,7 +4,7 @@ import itertools
 from dataclasses import dataclass
 from typing import Protocol
 
-from rfca_rig.codecs.ati_serial import LINE_END, Record, RecordForm, decode_record
+from rfca_rig.codecs.ati_serial import LINE_END, AtiRecord, RecordForm, decode_record
 from rfca_rig.codecs.malformed import MalformedFrame
 
 LONGEST_LINE = 200
@@ -13,25 +13,25 @@ LARGEST_JUMP = 2**13  # counts from one record to the next; more is a sign of by
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundRecord:
     """A record, and how many were lost between the one before and it."""
 
     missed: int
-    record: Record
+    record: AtiRecord
 
 
-class RecordStream(Protocol):
+class RecordDecoder(Protocol):
     """Fed with bytes as they come in, in pieces of any length."""
 
     malformed: int
     last_malformed: str
 
-    def feed(self, data: bytes) -> list[Found]:
+    def feed(self, data: bytes) -> list[FoundRecord]:
         """The records that `data` completes. Never raises: what is no record is counted in `malformed` and passed over."""
         ...
 
 
-def record_stream(form: RecordForm) -> RecordStream:
+def record_stream(form: RecordForm) -> RecordDecoder:
     """An empty stream of records of that form."""
     return AsciiStream() if form is RecordForm.ASCII else BinaryStream(form)
 
@@ -50,13 +50,13 @@ class AsciiStream:
         self._width = self._odd_width = -1
         self._spoilt = 0
 
-    def feed(self, data: bytes) -> list[Found]:
+    def feed(self, data: bytes) -> list[FoundRecord]:
         *lines, self._held = (self._held + data).split(b"\n")
         if len(self._held) > LONGEST_LINE:
             lines, self._held = [*lines, self._held], b""
         return [found for line in lines if (found := self._taken(line + b"\n")) is not None]
 
-    def _taken(self, line: bytes) -> Found | None:
+    def _taken(self, line: bytes) -> FoundRecord | None:
         try:
             record = decode_record(line, RecordForm.ASCII)
             self._check_width(len(line))
@@ -65,7 +65,7 @@ class AsciiStream:
             return None
         missed = max(1, round(self._spoilt / self._width)) if self._spoilt else 0
         self._spoilt = 0
-        return Found(missed, record)
+        return FoundRecord(missed, record)
 
     def _check_width(self, width: int) -> None:
         if width not in (self._width, self._odd_width):
@@ -94,18 +94,18 @@ class BinaryStream:
         self._form = form
         self._size = form.record_bytes
         self._held = bytearray()
-        self._last: Record | None = None
+        self._last: AtiRecord | None = None
         self._in_step = True
         self._skipped = 0
 
-    def feed(self, data: bytes) -> list[Found]:
+    def feed(self, data: bytes) -> list[FoundRecord]:
         self._held += data
         found = []
         while (record := self._next()) is not None:
             found.append(record)
         return found
 
-    def _next(self) -> Found | None:
+    def _next(self) -> FoundRecord | None:
         if self._in_step and len(self._held) >= self._size:
             record = self._record_at(0)
             if record is not None and self._follows(record):
@@ -117,14 +117,14 @@ class BinaryStream:
             return self._accept(record)
         return None
 
-    def _record_at(self, at: int) -> Record | None:
+    def _record_at(self, at: int) -> AtiRecord | None:
         try:
             return decode_record(bytes(self._held[at : at + self._size]), self._form)
         except MalformedFrame as error:
             self._reason = str(error)
             return None
 
-    def _follows(self, record: Record) -> bool:
+    def _follows(self, record: AtiRecord) -> bool:
         if self._last is None or self._form is RecordForm.BINARY_CHECKSUM or _jump(self._last, record) <= LARGEST_JUMP:
             return True
         self._reason = f"values jump by {_jump(self._last, record)} counts from one record to the next"
@@ -164,16 +164,16 @@ class BinaryStream:
         del self._held[:count]
         self._skipped += count
 
-    def _accept(self, record: Record) -> Found:
+    def _accept(self, record: AtiRecord) -> FoundRecord:
         """Bytes that were skipped are as many records as they would fill; before the first record they are none."""
         missed = round(self._skipped / self._size) if self._last is not None else 0
         self._skipped = 0
         self._last = record
         del self._held[: self._size]
-        return Found(missed, record)
+        return FoundRecord(missed, record)
 
 
-def _jump(before: Record, after: Record) -> int:
+def _jump(before: AtiRecord, after: AtiRecord) -> int:
     return max(abs(b - a) for a, b in zip(before.counts, after.counts, strict=True))
 
 

@@ -15,16 +15,16 @@ from rfca_rig.codecs.odrive_messages import (
     PASSTHROUGH,
     BusPower,
     ClearErrors,
-    Command,
-    Dialect,
     EncoderEstimates,
     ErrorReport,
     Estop,
     Heartbeat,
     Iq,
     Message,
+    OdriveCommand,
+    OdriveFirmware,
+    OdrivePart,
     OlderCommand,
-    Part,
     PartError,
     SetAxisState,
     SetControllerMode,
@@ -53,9 +53,9 @@ _EMPTY = struct.Struct("")
 
 FEED_FORWARD_STEP = 1e-3
 PART_COMMANDS = {
-    Part.MOTOR: OlderCommand.MOTOR_ERROR,
-    Part.ENCODER: OlderCommand.ENCODER_ERROR,
-    Part.CONTROLLER: OlderCommand.CONTROLLER_ERROR,
+    OdrivePart.MOTOR: OlderCommand.MOTOR_ERROR,
+    OdrivePart.ENCODER: OlderCommand.ENCODER_ERROR,
+    OdrivePart.CONTROLLER: OlderCommand.CONTROLLER_ERROR,
 }
 
 
@@ -68,11 +68,11 @@ def _heartbeat(error: int, state: int, result: int, flags: int) -> Heartbeat:
 
 
 def _older_heartbeat(error: int, state: int, motor: int, encoder: int, controller: int) -> Heartbeat:
-    failed = tuple(part for part, flags in zip(Part, (motor, encoder, controller), strict=True) if flags & 1)
+    failed = tuple(part for part, flags in zip(OdrivePart, (motor, encoder, controller), strict=True) if flags & 1)
     return Heartbeat(error, state, 0, bool(controller & 0x80), failed)
 
 
-def _part_error(part: Part) -> Callable[[int], PartError]:
+def _part_error(part: OdrivePart) -> Callable[[int], PartError]:
     return lambda word: PartError(part, word)
 
 
@@ -83,32 +83,32 @@ def _input_pos(position: float, speed: int, torque: int) -> SetInputPos:
 # Command -> its fields, what they become, and the payload lengths in use (some senders pad to eight bytes, some do not).
 _Layouts = dict[int, tuple[struct.Struct, Callable[..., Message], frozenset[int]]]
 _SHARED: _Layouts = {
-    Command.VERSION: (_VERSION, _version, frozenset({8})),
-    Command.ESTOP: (_EMPTY, Estop, frozenset({0, 8})),
-    Command.AXIS_STATE: (_ONE_WORD, SetAxisState, frozenset({4, 8})),
-    Command.ENCODER_ESTIMATES: (_TWO_FLOATS, EncoderEstimates, frozenset({8})),
-    Command.CONTROLLER_MODE: (_TWO_WORDS, SetControllerMode, frozenset({8})),
-    Command.INPUT_POS: (_INPUT_POS, _input_pos, frozenset({8})),
-    Command.INPUT_VEL: (_TWO_FLOATS, SetInputVel, frozenset({8})),
-    Command.INPUT_TORQUE: (_ONE_FLOAT, SetInputTorque, frozenset({4, 8})),
-    Command.IQ: (_TWO_FLOATS, Iq, frozenset({8})),
-    Command.BUS_VOLTAGE_CURRENT: (_TWO_FLOATS, BusPower, frozenset({8})),
-    Command.CLEAR_ERRORS: (_EMPTY, ClearErrors, frozenset({0, 1, 8})),
+    OdriveCommand.VERSION: (_VERSION, _version, frozenset({8})),
+    OdriveCommand.ESTOP: (_EMPTY, Estop, frozenset({0, 8})),
+    OdriveCommand.AXIS_STATE: (_ONE_WORD, SetAxisState, frozenset({4, 8})),
+    OdriveCommand.ENCODER_ESTIMATES: (_TWO_FLOATS, EncoderEstimates, frozenset({8})),
+    OdriveCommand.CONTROLLER_MODE: (_TWO_WORDS, SetControllerMode, frozenset({8})),
+    OdriveCommand.INPUT_POS: (_INPUT_POS, _input_pos, frozenset({8})),
+    OdriveCommand.INPUT_VEL: (_TWO_FLOATS, SetInputVel, frozenset({8})),
+    OdriveCommand.INPUT_TORQUE: (_ONE_FLOAT, SetInputTorque, frozenset({4, 8})),
+    OdriveCommand.IQ: (_TWO_FLOATS, Iq, frozenset({8})),
+    OdriveCommand.BUS_VOLTAGE_CURRENT: (_TWO_FLOATS, BusPower, frozenset({8})),
+    OdriveCommand.CLEAR_ERRORS: (_EMPTY, ClearErrors, frozenset({0, 1, 8})),
 }
 _NEWER: _Layouts = {
-    Command.HEARTBEAT: (_HEARTBEAT, _heartbeat, frozenset({8})),
-    Command.ERRORS: (_TWO_WORDS, ErrorReport, frozenset({8})),
-    Command.TEMPERATURES: (_TWO_FLOATS, Temperatures, frozenset({8})),
-    Command.TORQUES: (_TWO_FLOATS, Torques, frozenset({8})),
+    OdriveCommand.HEARTBEAT: (_HEARTBEAT, _heartbeat, frozenset({8})),
+    OdriveCommand.ERRORS: (_TWO_WORDS, ErrorReport, frozenset({8})),
+    OdriveCommand.TEMPERATURES: (_TWO_FLOATS, Temperatures, frozenset({8})),
+    OdriveCommand.TORQUES: (_TWO_FLOATS, Torques, frozenset({8})),
 }
 _OLDER: _Layouts = {
-    Command.HEARTBEAT: (_OLDER_HEARTBEAT, _older_heartbeat, frozenset({8})),
+    OdriveCommand.HEARTBEAT: (_OLDER_HEARTBEAT, _older_heartbeat, frozenset({8})),
     **{command: (_ONE_LONG_WORD, _part_error(part), frozenset({8})) for part, command in PART_COMMANDS.items()},
 }
-_LAYOUTS = {Dialect.V0_5: _SHARED | _OLDER, Dialect.V0_6: _SHARED | _NEWER}
+_LAYOUTS = {OdriveFirmware.V0_5: _SHARED | _OLDER, OdriveFirmware.V0_6: _SHARED | _NEWER}
 
 
-def decode(arbitration_id: int, data: bytes | bytearray, dialect: Dialect = Dialect.V0_6) -> Message | None:
+def decode(arbitration_id: int, data: bytes | bytearray, dialect: OdriveFirmware = OdriveFirmware.V0_6) -> Message | None:
     """The message in one data frame; None for a command that is not used here. Raises MalformedFrame for a wrong length."""
     layout = _LAYOUTS[dialect].get(arbitration_id & 0x1F)
     if layout is None:
@@ -122,9 +122,9 @@ def decode(arbitration_id: int, data: bytes | bytearray, dialect: Dialect = Dial
     return message(*fields.unpack_from(data))
 
 
-def _name(command: int, dialect: Dialect) -> str:
-    older = dialect == Dialect.V0_5 and command in set(OlderCommand)
-    return OlderCommand(command).name if older else Command(command).name
+def _name(command: int, dialect: OdriveFirmware) -> str:
+    older = dialect == OdriveFirmware.V0_5 and command in set(OlderCommand)
+    return OlderCommand(command).name if older else OdriveCommand(command).name
 
 
 def node_of(arbitration_id: int) -> int:
@@ -132,7 +132,7 @@ def node_of(arbitration_id: int) -> int:
     return arbitration_id >> 5
 
 
-def _frame(node: int, command: Command | OlderCommand, fields: struct.Struct = _EMPTY, *values: float) -> Frame:
+def _frame(node: int, command: OdriveCommand | OlderCommand, fields: struct.Struct = _EMPTY, *values: float) -> Frame:
     if not 0 <= node <= BROADCAST_NODE:
         raise NotEncodable(f"CAN node {node} does not exist; addresses go from 0 to {BROADCAST_NODE}")
     try:
@@ -147,30 +147,30 @@ def _steps(value: float, name: str) -> int:
     return round(value / FEED_FORWARD_STEP)
 
 
-def request(node: int, command: Command | OlderCommand) -> Frame:
+def request(node: int, command: OdriveCommand | OlderCommand) -> Frame:
     """Asks for one message; to be sent as a remote frame (firmware 0.5.6 also takes a data frame without bytes)."""
     return _frame(node, command)
 
 
 def version(node: int, reply: Version) -> Frame:
-    return _frame(node, Command.VERSION, _VERSION, reply.protocol, *reply.hardware, *reply.firmware, reply.unreleased)
+    return _frame(node, OdriveCommand.VERSION, _VERSION, reply.protocol, *reply.hardware, *reply.firmware, reply.unreleased)
 
 
-def heartbeat(node: int, beat: Heartbeat, dialect: Dialect = Dialect.V0_6) -> Frame:
-    if dialect == Dialect.V0_5:
-        motor, encoder, controller = (part in beat.failed for part in Part)
+def heartbeat(node: int, beat: Heartbeat, dialect: OdriveFirmware = OdriveFirmware.V0_6) -> Frame:
+    if dialect == OdriveFirmware.V0_5:
+        motor, encoder, controller = (part in beat.failed for part in OdrivePart)
         return _frame(
-            node, Command.HEARTBEAT, _OLDER_HEARTBEAT, beat.error, beat.state, motor, encoder, controller | beat.trajectory_done << 7
+            node, OdriveCommand.HEARTBEAT, _OLDER_HEARTBEAT, beat.error, beat.state, motor, encoder, controller | beat.trajectory_done << 7
         )
-    return _frame(node, Command.HEARTBEAT, _HEARTBEAT, beat.error, beat.state, beat.procedure_result, beat.trajectory_done)
+    return _frame(node, OdriveCommand.HEARTBEAT, _HEARTBEAT, beat.error, beat.state, beat.procedure_result, beat.trajectory_done)
 
 
 def estop(node: int) -> Frame:
-    return _frame(node, Command.ESTOP)
+    return _frame(node, OdriveCommand.ESTOP)
 
 
 def errors(node: int, report: ErrorReport) -> Frame:
-    return _frame(node, Command.ERRORS, _TWO_WORDS, report.active_errors, report.disarm_reason)
+    return _frame(node, OdriveCommand.ERRORS, _TWO_WORDS, report.active_errors, report.disarm_reason)
 
 
 def part_error(node: int, report: PartError) -> Frame:
@@ -179,47 +179,51 @@ def part_error(node: int, report: PartError) -> Frame:
 
 
 def set_axis_state(node: int, state: int) -> Frame:
-    return _frame(node, Command.AXIS_STATE, _ONE_WORD, state)
+    return _frame(node, OdriveCommand.AXIS_STATE, _ONE_WORD, state)
 
 
 def encoder_estimates(node: int, position_turns: float, speed_turns_s: float) -> Frame:
-    return _frame(node, Command.ENCODER_ESTIMATES, _TWO_FLOATS, position_turns, speed_turns_s)
+    return _frame(node, OdriveCommand.ENCODER_ESTIMATES, _TWO_FLOATS, position_turns, speed_turns_s)
 
 
 def set_controller_mode(node: int, control_mode: int, input_mode: int = PASSTHROUGH) -> Frame:
-    return _frame(node, Command.CONTROLLER_MODE, _TWO_WORDS, control_mode, input_mode)
+    return _frame(node, OdriveCommand.CONTROLLER_MODE, _TWO_WORDS, control_mode, input_mode)
 
 
 def set_input_pos(node: int, position_turns: float, speed_turns_s: float = 0.0, torque_Nm: float = 0.0) -> Frame:
     """The feed-forwards are carried in steps of 0.001 (the drive's default scale); raises NotEncodable beyond 32.767."""
     steps = _steps(speed_turns_s, "speed in turns/s"), _steps(torque_Nm, "torque in N m")
-    return _frame(node, Command.INPUT_POS, _INPUT_POS, position_turns, *steps)
+    return _frame(node, OdriveCommand.INPUT_POS, _INPUT_POS, position_turns, *steps)
 
 
 def set_input_vel(node: int, speed_turns_s: float, torque_Nm: float = 0.0) -> Frame:
-    return _frame(node, Command.INPUT_VEL, _TWO_FLOATS, speed_turns_s, torque_Nm)
+    return _frame(node, OdriveCommand.INPUT_VEL, _TWO_FLOATS, speed_turns_s, torque_Nm)
 
 
 def set_input_torque(node: int, torque_Nm: float) -> Frame:
-    return _frame(node, Command.INPUT_TORQUE, _ONE_FLOAT, torque_Nm)
+    return _frame(node, OdriveCommand.INPUT_TORQUE, _ONE_FLOAT, torque_Nm)
 
 
 def iq(node: int, setpoint_A: float, measured_A: float) -> Frame:
-    return _frame(node, Command.IQ, _TWO_FLOATS, setpoint_A, measured_A)
+    return _frame(node, OdriveCommand.IQ, _TWO_FLOATS, setpoint_A, measured_A)
 
 
 def temperatures(node: int, inverter_degC: float, motor_degC: float) -> Frame:
-    return _frame(node, Command.TEMPERATURES, _TWO_FLOATS, inverter_degC, motor_degC)
+    return _frame(node, OdriveCommand.TEMPERATURES, _TWO_FLOATS, inverter_degC, motor_degC)
 
 
 def bus_voltage_current(node: int, voltage_V: float, current_A: float) -> Frame:
-    return _frame(node, Command.BUS_VOLTAGE_CURRENT, _TWO_FLOATS, voltage_V, current_A)
+    return _frame(node, OdriveCommand.BUS_VOLTAGE_CURRENT, _TWO_FLOATS, voltage_V, current_A)
 
 
-def clear_errors(node: int, dialect: Dialect = Dialect.V0_6) -> Frame:
+def clear_errors(node: int, dialect: OdriveFirmware = OdriveFirmware.V0_6) -> Frame:
     """Firmware 0.6 takes one byte, zero: the drive does not blink. Firmware 0.5 takes none."""
-    return _frame(node, Command.CLEAR_ERRORS) if dialect == Dialect.V0_5 else _frame(node, Command.CLEAR_ERRORS, _ONE_BYTE, 0)
+    return (
+        _frame(node, OdriveCommand.CLEAR_ERRORS)
+        if dialect == OdriveFirmware.V0_5
+        else _frame(node, OdriveCommand.CLEAR_ERRORS, _ONE_BYTE, 0)
+    )
 
 
 def torques(node: int, target_Nm: float, estimate_Nm: float) -> Frame:
-    return _frame(node, Command.TORQUES, _TWO_FLOATS, target_Nm, estimate_Nm)
+    return _frame(node, OdriveCommand.TORQUES, _TWO_FLOATS, target_Nm, estimate_Nm)

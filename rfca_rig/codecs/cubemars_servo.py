@@ -37,7 +37,7 @@ class Packet(IntEnum):
     STATUS = 0x29
 
 
-class Origin(IntEnum):
+class OriginMode(IntEnum):
     """Until power-off; for good (drives with two encoders); back to the factory's."""
 
     TEMPORARY = 0
@@ -157,7 +157,7 @@ def set_position(drive: int, position_deg: float) -> Frame:
     return _frame(drive, Packet.POSITION, _LONG, _steps(position_deg, 1e-4, MOST_DEG, "position in degrees"))
 
 
-def set_origin(drive: int, origin: Origin) -> Frame:
+def set_origin(drive: int, origin: OriginMode) -> Frame:
     return _frame(drive, Packet.ORIGIN, _BYTE, origin)
 
 

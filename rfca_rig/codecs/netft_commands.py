@@ -37,7 +37,7 @@ class ReadCalibrationInfo:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class NetFtReading:
     """`status` is the upper half of the status word; a value is counts * scale factor / counts per unit."""
 
     status: int
@@ -46,7 +46,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationInfo:
-    """`scale_factors` (6) shrink the counts of a `Reading` to 16 bits; they do not act on RDT."""
+    """`scale_factors` (6) shrink the counts of a `NetFtReading` to 16 bits; they do not act on RDT."""
 
     force_unit: str
     torque_unit: str
@@ -82,7 +82,7 @@ def decode_command(data: bytes) -> ReadForce | ReadCalibrationInfo:
     raise MalformedFrame(f"command {data[0]} is not one of those that read (0, 1)")
 
 
-def encode_reading(reading: Reading) -> bytes:
+def encode_reading(reading: NetFtReading) -> bytes:
     """Raises NotEncodable where a count does not fit 16 bits."""
     try:
         return _READING.pack(HEADER, reading.status, *reading.counts)
@@ -90,11 +90,11 @@ def encode_reading(reading: Reading) -> bytes:
         raise NotEncodable(f"{reading} does not fit: {error}") from error
 
 
-def decode_reading(data: bytes) -> Reading:
+def decode_reading(data: bytes) -> NetFtReading:
     """Raises MalformedFrame for a wrong length or header."""
     header, status, *counts = _unpacked(_READING, data, "reading")
     _check_header(header)
-    return Reading(status, tuple(counts))
+    return NetFtReading(status, tuple(counts))
 
 
 def encode_calibration(info: CalibrationInfo) -> bytes:

@@ -6,14 +6,14 @@ from enum import IntEnum, StrEnum
 BROADCAST_NODE = 0x3F  # also the address of a drive that has none yet
 
 
-class Dialect(StrEnum):
+class OdriveFirmware(StrEnum):
     """Which firmware speaks: 0.5 (as of 0.5.6, ODrive v3) or 0.6 (ODrive Pro, S1, Micro)."""
 
     V0_5 = "0.5"
     V0_6 = "0.6"
 
 
-class Part(StrEnum):
+class OdrivePart(StrEnum):
     """What has an error word of its own in firmware 0.5."""
 
     MOTOR = "motor"
@@ -21,7 +21,7 @@ class Part(StrEnum):
     CONTROLLER = "controller"
 
 
-class Command(IntEnum):
+class OdriveCommand(IntEnum):
     """The low five bits of an arbitration id."""
 
     VERSION = 0x00
@@ -84,7 +84,7 @@ class Heartbeat:
     state: int
     procedure_result: int
     trajectory_done: bool
-    failed: tuple[Part, ...] = ()
+    failed: tuple[OdrivePart, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ class ErrorReport:
 class PartError:
     """The error word of one part; firmware 0.5."""
 
-    part: Part
+    part: OdrivePart
     word: int
 
 

@@ -1,6 +1,6 @@
 """What the error words of an ODrive with firmware 0.5 mean (0.5.6 API reference: Axis, Motor, Encoder and Controller errors)."""
 
-from rfca_rig.codecs.odrive_messages import Part
+from rfca_rig.codecs.odrive_messages import OdrivePart
 
 AXIS_BITS = {
     0: ("INVALID_STATE", "the state asked for cannot be entered; is the motor calibrated?"),
@@ -23,7 +23,7 @@ OVER_TEMPERATURE = 1 << 18
 MODULATION_IS_NAN = 1 << 16  # of the motor
 
 _PART_BITS = {
-    Part.MOTOR: {
+    OdrivePart.MOTOR: {
         0: ("PHASE_RESISTANCE_OUT_OF_RANGE", "check the motor's wires"),
         1: ("PHASE_INDUCTANCE_OUT_OF_RANGE", "check the motor's wires"),
         3: ("DRV_FAULT", "the gate driver chip reports a fault"),
@@ -52,7 +52,7 @@ _PART_BITS = {
         34: ("CONTROLLER_INITIALIZING", "the drive is still starting up"),
         35: ("UNBALANCED_PHASES", "check the motor's wires"),
     },
-    Part.ENCODER: {
+    OdrivePart.ENCODER: {
         0: ("UNSTABLE_GAIN", "the encoder's bandwidth is set too high"),
         1: ("CPR_POLEPAIRS_MISMATCH", "pole pairs and counts per turn do not match"),
         2: ("NO_RESPONSE", "no change seen while the motor turned; check the encoder's wires"),
@@ -64,7 +64,7 @@ _PART_BITS = {
         8: ("ABS_SPI_NOT_READY", "the absolute encoder is not ready"),
         9: ("HALL_NOT_CALIBRATED_YET", "run the Hall calibration"),
     },
-    Part.CONTROLLER: {
+    OdrivePart.CONTROLLER: {
         0: ("OVERSPEED", "motor faster than its limit"),
         1: ("INVALID_INPUT_MODE", "set another input mode"),
         2: ("UNSTABLE_GAIN", "the gains are set too high"),
@@ -82,7 +82,7 @@ def error_text(word: int) -> str:
     return f"error 0x{word:08x} ({_named(word, AXIS_BITS)})"
 
 
-def part_error_text(part: Part, word: int) -> str:
+def part_error_text(part: OdrivePart, word: int) -> str:
     """The same for the error word of one part, 64 bits for the motor's."""
     return f"{part} error 0x{word:08x} ({_named(word, _PART_BITS[part])})"
 

@@ -13,7 +13,7 @@ from rfca_rig.description.toml import read_toml
 from rfca_rig.description.toml_writing import comment, table, written
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
-from rfca_rig.vision.camera_calibration import Calibration
+from rfca_rig.vision.camera_calibration import CameraCalibration
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.plane_of_motion import PlanePose
 
@@ -125,7 +125,7 @@ def read_camera_file(path: Path) -> CameraFile:
     return read_toml(path, CameraFile)
 
 
-def camera_file(calibration: Calibration, board: str, plane: PlaneSection | None) -> CameraFile:
+def camera_file(calibration: CameraCalibration, board: str, plane: PlaneSection | None) -> CameraFile:
     """The file's content. `board` as it was given."""
     matrix = calibration.matrix
     covered_px = calibration.covered_px().tolist()

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from rfca_rig.description.sections import Positive, Section
 from rfca_rig.description.toml import read_toml
-from rfca_rig.protocol.experiments import Condition, Flapping, StaticStages
+from rfca_rig.protocol.experiments import Flapping, PlannedCondition, StaticStages
 from rfca_rig.protocol.fatigue import Check, Fatigue
 from rfca_rig.protocol.plan import Direction, SettleCriterion
 
@@ -50,7 +50,7 @@ class DynamicFile(Section):
         """The experiment in SI units."""
         return Flapping(
             title=self.title,
-            conditions=tuple(Condition(one.height_mm / 1e3, one.speed_rad_s) for one in self.conditions),
+            conditions=tuple(PlannedCondition(one.height_mm / 1e3, one.speed_rad_s) for one in self.conditions),
             repeats=self.repeats,
             sweep_rad=float(np.radians(self.sweep_deg)),
             return_speed_rad_s=self.return_speed_rad_s,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.data.observations import rms
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
-from rfca_rig.diagnosis.result import BeforeAfter, Overlay
+from rfca_rig.diagnosis.result import BeforeAfter, SignalOverlay
 
 Floats = NDArray[np.float64]
 
@@ -37,11 +37,11 @@ def _by_signal(found: ModelSelectionResult, name: str, before: Floats, after: Fl
     return {f"{name}_{s}": BeforeAfter(rms(before[h]), rms(after[h]), rms(floor[h])) for s, h in of_signal.items() if h.any()}
 
 
-def overlays(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> tuple[Overlay, ...]:
+def overlays(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> tuple[SignalOverlay, ...]:
     """Measured means with both models, condition by condition and signal by signal."""
     rows, columns = found.dataset.rows, (found.dataset.rows.measured, found.nominal.predicted, accepted.rows)
     return tuple(
-        Overlay(label.condition, label.signal, rows.t_s[here], *(column[here] for column in columns))
+        SignalOverlay(label.condition, label.signal, rows.t_s[here], *(column[here] for column in columns))
         for number, label in enumerate(rows.labels)
         if label.experiment == experiment and len(here := np.flatnonzero(rows.label == number))
     )

@@ -34,7 +34,7 @@ class Located:
 
 
 @dataclass(frozen=True)
-class Cell:
+class MapCell:
     """One cell of the map: rms difference of one signal, phase and condition, and that against what could be expected."""
 
     signal: str
@@ -147,7 +147,7 @@ class BeforeAfter:
 
 
 @dataclass(frozen=True)
-class Overlay:
+class SignalOverlay:
     """One condition's mean signal with both models beside it, all (m,); `starts_s` are where windows start from the measured state."""
 
     condition: str
@@ -182,7 +182,7 @@ class Diagnosis:
     verdict: Verdict
     sentence: str
     located: tuple[Located, ...]
-    cells: tuple[Cell, ...]
+    cells: tuple[MapCell, ...]
     effects: tuple[NamedEffect, ...]
     criteria: tuple[Criterion, ...]
     rivals: tuple[Rival, ...]
@@ -194,7 +194,7 @@ class Diagnosis:
     remarks: tuple[str, ...]
     next_experiment: Mapping[str, object] | None
     believed_values: Mapping[str, Value]
-    overlays: tuple[Overlay, ...]
+    overlays: tuple[SignalOverlay, ...]
     settings: Mapping[str, object]
     found_effects: tuple[PresentEffect, ...]
     found_rig: RigModel

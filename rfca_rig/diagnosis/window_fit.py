@@ -15,7 +15,7 @@ from rfca_rig.diagnosis.inference.model_selection import Progress
 from rfca_rig.diagnosis.inference.parameterization import std_of, value_of
 from rfca_rig.diagnosis.inference.screening import grid_points, probe_effects, projection_of, terms_of
 from rfca_rig.diagnosis.likelihood.cross_validation import jackknife_std, loo_residuals
-from rfca_rig.diagnosis.result import Overlay
+from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.effect import Effect
 
@@ -90,7 +90,7 @@ class WindowFit:
     correlated: tuple[tuple[str, str, float], ...]
     errors: tuple[SignalError, ...]
     totals: tuple[SignalError, ...]
-    overlays: tuple[Overlay, ...]
+    overlays: tuple[SignalOverlay, ...]
 
     def plain(self, file_format: str) -> dict[str, Any]:
         """Everything but the signals as plain data, for JSON of this format."""
@@ -226,7 +226,7 @@ def _list_sizes(fitted: Hypothesis, std_x: Floats) -> Iterator[FittedSize]:
 
 def _compare(
     found: ModelSelectionResult, fitted: Hypothesis, conditions: Sequence[WindowsOfCondition]
-) -> tuple[tuple[SignalError, ...], tuple[SignalError, ...], tuple[Overlay, ...]]:
+) -> tuple[tuple[SignalError, ...], tuple[SignalError, ...], tuple[SignalOverlay, ...]]:
     """Errors and overlays of each signal of each recording, rows in order of time, and errors of each signal of all."""
     rows, nominal, after = found.dataset.rows, found.nominal.predicted, fitted.rows
     held_out = None
@@ -249,6 +249,6 @@ def _compare(
             if here.size:
                 here = here[np.argsort(rows.t_s[here], kind="stable")]
                 errors.append(error(name, signal, here))
-                overlays.append(Overlay(name, signal, rows.t_s[here], rows.measured[here], nominal[here], after[here], starts_s))
+                overlays.append(SignalOverlay(name, signal, rows.t_s[here], rows.measured[here], nominal[here], after[here], starts_s))
     totals = [error(ALL, signal, np.flatnonzero(rows.signal == signal)) for signal in signals]
     return tuple(errors), tuple(totals), tuple(overlays)

@@ -7,7 +7,7 @@ import can
 from rfca_rig.bench.motors import open_bus
 from rfca_rig.clock import Clock
 from rfca_rig.codecs.cubemars_ranges import mit_ranges
-from rfca_rig.codecs.odrive_messages import Dialect
+from rfca_rig.codecs.odrive_messages import OdriveFirmware
 from rfca_rig.description.motor_sections import (
     CubemarsMitSection,
     CubemarsServoSection,
@@ -77,7 +77,7 @@ def _bus(motor: MotorSection, seen: CanBusSeen) -> Finding:
 def _drive(motor: Motor, listener: Listener) -> list[Finding]:
     match motor:
         case OdriveSection():
-            wanted = OdriveWanted(motor.node_id, motor.encoder_period_ms / 1e3, Dialect(motor.dialect))
+            wanted = OdriveWanted(motor.node_id, motor.encoder_period_ms / 1e3, OdriveFirmware(motor.dialect))
             return judge_odrive(look_for_odrive(listener, wanted), wanted)
         case CubemarsMitSection():
             return judge_mit(look_for_mit(listener, motor.drive_id, mit_ranges(motor.model)), motor.drive_id)

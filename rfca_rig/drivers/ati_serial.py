@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.ati_serial import PROMPT, SETUP, Command, RecordForm, encode_command
-from rfca_rig.codecs.ati_serial_stream import Found, record_stream, without_echo
+from rfca_rig.codecs.ati_serial import PROMPT, SETUP, AtiCommand, RecordForm, encode_command
+from rfca_rig.codecs.ati_serial_stream import FoundRecord, record_stream, without_echo
 from rfca_rig.codecs.netbox_status import SATURATED
 from rfca_rig.drivers.frame_count import FrameCount
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
@@ -76,13 +76,13 @@ class AtiSerialSensor:
 
     def start(self) -> None:
         """Sets the controller up and starts its stream. Raises DeviceError, with the command, where it does not answer."""
-        for command in (Command.NOTHING, *SETUP[self._settings.form]):
+        for command in (AtiCommand.NOTHING, *SETUP[self._settings.form]):
             self._ask(command)
         self._begin_anew()
-        self._send(Command.QUERY_STREAM)
+        self._send(AtiCommand.QUERY_STREAM)
         self._running = True
 
-    def _ask(self, command: Command) -> None:
+    def _ask(self, command: AtiCommand) -> None:
         """Sends a command and waits for the prompt after its echo; what an earlier stream left on the line may come before."""
         self._send(command)
         answer, deadline_s = b"", self._clock.now_s() + ANSWER_S
@@ -95,17 +95,17 @@ class AtiSerialSensor:
     def stop(self) -> None:
         """Raises DeviceError when the line is broken."""
         self._running = False
-        self._send(Command.NOTHING)
+        self._send(AtiCommand.NOTHING)
 
     def bias(self) -> None:
         """Has the controller take what it feels now for zero, and starts anew; to be called with nothing on the sensor."""
         was_running, self._running = self._running, False
-        for command in (Command.NOTHING, Command.BIAS):
+        for command in (AtiCommand.NOTHING, AtiCommand.BIAS):
             self._ask(command)
         if was_running:
             self.start()
 
-    def _send(self, command: Command) -> None:
+    def _send(self, command: AtiCommand) -> None:
         try:
             self._port.write(encode_command(command))
         except OSError as error:
@@ -130,13 +130,13 @@ class AtiSerialSensor:
         if self._head is None:
             return data
         self._head += data
-        rest = without_echo(self._head, Command.QUERY_STREAM)
+        rest = without_echo(self._head, AtiCommand.QUERY_STREAM)
         if rest is None and len(self._head) < LONGEST_ECHO:
             return b""
         data, self._head = self._head if rest is None else rest, None
         return data
 
-    def _samples(self, found: list[Found]) -> ForceSamples:
+    def _samples(self, found: list[FoundRecord]) -> ForceSamples:
         places = np.cumsum([one.missed + 1 for one in found], dtype=np.int64) - 1
         stamps_s = self._count.stamp(int(places[-1]) + 1 if len(found) else 0, self._read_s)[places]
         counts = np.array([one.record.counts for one in found], np.int32).reshape(-1, 6)
@@ -215,7 +215,7 @@ class AtiSerialSensor:
         }
 
 
-def _no_answer(command: Command, answer: bytes, settings: AtiSerialSettings) -> str:
+def _no_answer(command: AtiCommand, answer: bytes, settings: AtiSerialSettings) -> str:
     asked = f"to {bytes(command).decode()!r}" if command else "to a carriage return"
     heard = f"it said {answer[-40:]!r}" if answer else "it said nothing"
     return (

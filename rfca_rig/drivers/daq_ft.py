@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.ati_calibration import GAGES, Calibration
+from rfca_rig.codecs.ati_calibration import GAGES, TransducerCalibration
 from rfca_rig.codecs.gage_block import GageBlock
 from rfca_rig.codecs.netbox_status import SATURATED
 from rfca_rig.drivers.record_sequence import RecordSequence
@@ -67,7 +67,7 @@ class DaqFtSensor:
     Raises BadInput where the settings do not fit the calibration.
     """
 
-    def __init__(self, gages: GageVoltages, clock: Clock, calibration: Calibration, settings: DaqFtSettings) -> None:
+    def __init__(self, gages: GageVoltages, clock: Clock, calibration: TransducerCalibration, settings: DaqFtSettings) -> None:
         if len(settings.unloaded_V) != calibration.channels:
             raise BadInput(
                 f"force sensor: unloaded_V holds {len(settings.unloaded_V)} voltages, the calibration needs {calibration.channels}"

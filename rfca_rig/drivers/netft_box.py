@@ -13,9 +13,9 @@ from rfca_rig.codecs.netft_commands import (
     PORT,
     READING_BYTES,
     CalibrationInfo,
+    NetFtReading,
     ReadCalibrationInfo,
     ReadForce,
-    Reading,
     decode_calibration,
     decode_reading,
     encode_command,
@@ -83,7 +83,7 @@ class CommandBox:
         with self._named():
             return decode_calibration(reply)
 
-    def reading(self, command: ReadForce) -> Reading:
+    def reading(self, command: ReadForce) -> NetFtReading:
         """One reading, for a look at the sensor without a stream. Raises DeviceError like `says`."""
         reply = self._asked(encode_command(command), READING_BYTES)
         with self._named():

@@ -7,7 +7,7 @@ import can
 from rfca_rig.clock import Clock
 from rfca_rig.codecs import cansimple, odrive_meanings, odrive_older_meanings
 from rfca_rig.codecs.odrive_meanings import result_text, state_text
-from rfca_rig.codecs.odrive_messages import AxisState, Command, ControlMode, Dialect, Heartbeat, Part
+from rfca_rig.codecs.odrive_messages import AxisState, ControlMode, Heartbeat, OdriveCommand, OdriveFirmware, OdrivePart
 from rfca_rig.drivers.can_frames import send, send_stop
 from rfca_rig.drivers.odrive_reports import GUARDED, OdriveReports
 from rfca_rig.drivers.odrive_scale import OdriveSettings
@@ -19,8 +19,8 @@ __all__ = ["OdriveMotor", "OdriveSettings"]
 
 POLL_S = 2e-3
 PART_ERROR_S = 0.05
-WATCHDOG_EXPIRED = {Dialect.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, Dialect.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
-ERROR_TEXT = {Dialect.V0_5: odrive_older_meanings.error_text, Dialect.V0_6: odrive_meanings.error_text}
+WATCHDOG_EXPIRED = {OdriveFirmware.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, OdriveFirmware.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
+ERROR_TEXT = {OdriveFirmware.V0_5: odrive_older_meanings.error_text, OdriveFirmware.V0_6: odrive_meanings.error_text}
 
 
 class OdriveMotor:
@@ -38,7 +38,7 @@ class OdriveMotor:
         self._reports = OdriveReports(bus, clock, settings)
         self._mode: ControlMode | None = None
         self._armed = False
-        self._asked_parts: set[Part] = set()
+        self._asked_parts: set[OdrivePart] = set()
 
     def enable(self) -> None:
         """Energises, holding the shaft where it stands: the set-point is the measured angle before the loop closes.
@@ -50,7 +50,7 @@ class OdriveMotor:
         self._refuse_lost_zero()
         self._forget_part_errors()
         self._send(cansimple.clear_errors(self._settings.node_id, self._settings.dialect))
-        self._send(cansimple.request(self._settings.node_id, Command.VERSION), remote=True)
+        self._send(cansimple.request(self._settings.node_id, OdriveCommand.VERSION), remote=True)
         self._await_reports()
         self._check_dialect()
         self._refuse_if(_is_faulty(self._beat()), "still reports")
@@ -90,7 +90,7 @@ class OdriveMotor:
 
     def _check_dialect(self) -> None:
         """Firmware 0.6 tells its version when asked, 0.5 says nothing; a heartbeat read in the wrong dialect would lie."""
-        if self._settings.dialect == Dialect.V0_5 and self._reports.firmware != "unknown":
+        if self._settings.dialect == OdriveFirmware.V0_5 and self._reports.firmware != "unknown":
             raise DeviceError(f'drive not enabled: its firmware is {self._reports.firmware}; set dialect = "0.6"')
 
     def _forget_part_errors(self) -> None:
@@ -118,7 +118,7 @@ class OdriveMotor:
             beat = self._beat()
             self.disable()
             self._learn_part_errors()
-            result = f", procedure result {result_text(beat.procedure_result)}" if self._settings.dialect == Dialect.V0_6 else ""
+            result = f", procedure result {result_text(beat.procedure_result)}" if self._settings.dialect == OdriveFirmware.V0_6 else ""
             raise DeviceError(
                 f"drive not enabled: node {self._settings.node_id} {how} {self._errors(beat)}, state {state_text(beat.state)}{result}"
             )

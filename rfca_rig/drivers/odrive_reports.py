@@ -5,7 +5,17 @@ import numpy as np
 
 from rfca_rig.clock import Clock
 from rfca_rig.codecs import cansimple, odrive_messages
-from rfca_rig.codecs.odrive_messages import Dialect, EncoderEstimates, Heartbeat, Iq, Part, PartError, Temperatures, Torques, Version
+from rfca_rig.codecs.odrive_messages import (
+    EncoderEstimates,
+    Heartbeat,
+    Iq,
+    OdriveFirmware,
+    OdrivePart,
+    PartError,
+    Temperatures,
+    Torques,
+    Version,
+)
 from rfca_rig.drivers.blocks import join
 from rfca_rig.drivers.bus_health import BusHealth
 from rfca_rig.drivers.can_frames import DAMMED_UP_S, arrived
@@ -39,7 +49,7 @@ class OdriveReports:
         self.drained_s = self.beat_s = clock.now_s()
         self.turns = np.nan
         self.firmware = "unknown"
-        self.part_errors: dict[Part, int] = {}
+        self.part_errors: dict[OdrivePart, int] = {}
         self.recount()
 
     def recount(self) -> None:
@@ -98,10 +108,10 @@ class OdriveReports:
 
     def _rate(self, message: str) -> str:
         """What the drive calls the period of a cyclic message."""
-        return f"{message}_rate_ms" if self._settings.dialect == Dialect.V0_5 else f"{message}_msg_rate_ms"
+        return f"{message}_rate_ms" if self._settings.dialect == OdriveFirmware.V0_5 else f"{message}_msg_rate_ms"
 
     def _or_dialect(self) -> str:
-        older = self._settings.dialect == Dialect.V0_5
+        older = self._settings.dialect == OdriveFirmware.V0_5
         return " (iq_rate_ms)" if older else ', or dialect = "0.5" if its firmware is 0.5'
 
     def _beats_needed(self) -> int:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rfca_rig.codecs.odrive_messages import Dialect
+from rfca_rig.codecs.odrive_messages import OdriveFirmware
 from rfca_rig.drivers.shaft_gear import ShaftGear, check_positive
 from rfca_rig.errors import BadInput
 
@@ -25,7 +25,7 @@ class OdriveSettings(ShaftGear):
     encoder_period_s: float = 1e-3
     heartbeat_timeout_s: float = 0.35
     enable_timeout_s: float = 1.0
-    dialect: Dialect = Dialect.V0_6
+    dialect: OdriveFirmware = OdriveFirmware.V0_6
 
     def __post_init__(self) -> None:
         if not 0 <= self.node_id < 63:
@@ -35,7 +35,7 @@ class OdriveSettings(ShaftGear):
             check_positive(name, getattr(self, name))
         if self.torque_constant_Nm_per_A is not None:
             check_positive("torque_constant_Nm_per_A", self.torque_constant_Nm_per_A)
-        elif self.dialect == Dialect.V0_5:
+        elif self.dialect == OdriveFirmware.V0_5:
             raise BadInput(
                 "drive: torque_constant_Nm_per_A is missing; firmware 0.5 tells the motor's current, not its torque "
                 "(8.27 / the motor's KV in rpm/V, as in motor.config.torque_constant)"

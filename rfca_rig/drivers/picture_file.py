@@ -20,7 +20,7 @@ _PNG, _JPEG, _TIFF = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", (b"II*\0", b"MM\0*")
 
 
 @dataclass(frozen=True)
-class Moment:
+class PictureTime:
     """When a picture was taken; `from_exif` where its camera wrote it, else the file's time of last change."""
 
     at: datetime
@@ -72,7 +72,7 @@ def _fault(content: bytes) -> str | None:
     return None if content.startswith(_TIFF) else "neither JPEG, PNG nor TIFF"
 
 
-def moment_of(path: Path) -> Moment:
+def moment_of(path: Path) -> PictureTime:
     """Raises BadInput where the file cannot be read."""
     try:
         with path.open("rb") as file:
@@ -81,4 +81,4 @@ def moment_of(path: Path) -> Moment:
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
     taken = taken_at(head)
-    return Moment(taken, True) if taken else Moment(datetime.fromtimestamp(changed_s, UTC), False)
+    return PictureTime(taken, True) if taken else PictureTime(datetime.fromtimestamp(changed_s, UTC), False)

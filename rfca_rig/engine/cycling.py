@@ -22,7 +22,7 @@ def cycle(loop: Loop, stage: Cycles, sink: Sink, scale: SensorScale) -> None:
 
     Each cycle is handed over as soon as it is done. Raises Stopped where the drive has turned further than it can tell.
     """
-    tally, turning = Tally(scale), Turning(loop.target_rad, stage)
+    tally, turning = CycleTally(scale), Turning(loop.target_rad, stage)
     sink.begin(stage)
     sink.start(loop.now_s, 0.0)
     with loop.heard(tally.take):
@@ -86,7 +86,7 @@ class Turning:
         return self._start_rad + TURN_RAD * count - BEFORE_START_RAD
 
 
-class Tally:
+class CycleTally:
     """What the cycle under way has brought so far."""
 
     def __init__(self, scale: SensorScale) -> None:

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rfca_rig.exam.designs import ONE_STROKE, PAPER_CONDITIONS, THREE_BY_THREE, Design
+from rfca_rig.exam.designs import ONE_STROKE, PAPER_CONDITIONS, THREE_BY_THREE, ExamDesign
 from rfca_rig.exam.heterogeneity import Uneven, drawn_approximate, drawn_uneven
 from rfca_rig.exam.labels import MISLABELLED
 from rfca_rig.exam.laws import Law, drawn_law
@@ -69,7 +69,7 @@ class Case:
     id: str
     kind: str
     seed: int
-    design: Design
+    design: ExamDesign
     off: OffBy
     effects: Mapping[str, Values] = field(default_factory=dict)
     strangers: Mapping[str, Values] = field(default_factory=dict)

@@ -23,7 +23,7 @@ Judged = Sequence[tuple[Truth, Said]]
 
 
 @dataclass(frozen=True)
-class Calibration:
+class ClaimCalibration:
     """Of all listed claims; what is there and was not listed had no probability stated, and counts where effects are counted. NaN where
     there is none.
 
@@ -47,15 +47,15 @@ class Values:
     coverage_90: float
 
 
-def calibration(judged: Judged) -> Calibration:
+def calibration(judged: Judged) -> ClaimCalibration:
     """Brier and logarithmic score, expected calibration error, and how many of the claims at 90 % and more are right."""
     p, hit = _claims(judged)
     if not len(p):
-        return Calibration(np.nan, np.nan, np.nan, 0, np.nan, ())
+        return ClaimCalibration(np.nan, np.nan, np.nan, 0, np.nan, ())
     bounded = np.clip(p, SMALLEST, 1.0 - SMALLEST)
     sure = p >= CONFIDENT
     bins = _bins(p, hit)
-    return Calibration(
+    return ClaimCalibration(
         brier=float(((p - hit) ** 2).mean()),
         log_score=float(-np.where(hit, np.log(bounded), np.log(1.0 - bounded)).mean()),
         ece=float(sum(n * abs(mean - right) for n, mean, right in bins if n) / len(p)),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rfca_rig.clock import Clock
 from rfca_rig.errors import BadInput, RigError, SimulationFailed
-from rfca_rig.exam.plan import Plan
+from rfca_rig.exam.plan import ExamPlan
 from rfca_rig.exam.score import Marks
 from rfca_rig.exam.scoring import mark
 from rfca_rig.exam.write import write_all
@@ -43,7 +43,7 @@ def examine(
     the case.
     """
     executor = executor or InProcessExecutor()
-    campaigns = write_all(folder, Plan(seed, numbers), executor, told)
+    campaigns = write_all(folder, ExamPlan(seed, numbers), executor, told)
     answer_all(campaigns, folder, diagnose, executor, clocks, told)
     return mark(folder, folder / DIAGNOSES)
 

@@ -26,7 +26,7 @@ STATIC_NOISE = Noise(fy_N=0.01, fz_N=0.015, tx_Nm=6e-4)
 
 
 @dataclass(frozen=True)
-class Stage:
+class ExamStage:
     """One line of a static table, as the CSV has it."""
 
     height_mm: float
@@ -55,7 +55,7 @@ def stroke(world: World, speed_rad_s: float, noise: Noise, random: np.random.Gen
 
 def static_table(
     world: World, stated_height_mm: float, ramp_s: float, random: np.random.Generator, stages: Sequence[tuple[float, str]] = STAGES
-) -> list[Stage]:
+) -> list[ExamStage]:
     """The stages (shaft angle in rad, direction) at one height, one after the other, each the mean of the last tenth of a second of its
     hold.
 
@@ -71,7 +71,7 @@ def static_table(
     )
     fy, fz, tx = felt(steady, traces)
     return [
-        Stage(
+        ExamStage(
             height_mm=stated_height_mm,
             stage=i + 1,
             direction=stages[i][1],

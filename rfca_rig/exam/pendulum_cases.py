@@ -57,7 +57,7 @@ DRY = ("joint_friction", "joint_stribeck", "joint_load_friction", "joint_frictio
 
 
 @dataclass(frozen=True)
-class Reading:
+class SamplingErrors:
     """How a rig is sampled: the period, noise of angles and speeds."""
 
     sample_s: float = 0.004
@@ -74,7 +74,7 @@ class PendulumCase:
     seed: int
     world: PendulumWorld
     nominal: PendulumWorld
-    reading: Reading
+    reading: SamplingErrors
     driven: tuple[bool, ...]
     effects: Mapping[str, Values] = field(default_factory=dict)
     strangers: Mapping[str, Values] = field(default_factory=dict)
@@ -105,7 +105,7 @@ def swing_rad_s(world: PendulumWorld) -> float:
 def drawn_pendulum(kind: str, i: int, random: np.random.Generator) -> PendulumCase:
     """Case i of a kind."""
     nominal, world = (rig := _drawn_rig(random)), _as_it_is(rig, random)
-    reading = Reading(float(random.choice([0.002, 0.004, 0.005])), float(random.uniform(2e-4, 1e-3)))
+    reading = SamplingErrors(float(random.choice([0.002, 0.004, 0.005])), float(random.uniform(2e-4, 1e-3)))
     driven = (True, True, bool(random.random() < 0.6))
     case = PendulumCase("", kind, int(random.integers(2**31)), world, nominal, reading, driven)
     law = Friction(

@@ -13,7 +13,7 @@ FILE, FORMAT = "plan.json", "rfca-exam-plan/1"
 
 
 @dataclass(frozen=True)
-class Plan:
+class ExamPlan:
     """Seed and number of cases of each kind. Raises BadInput for a kind that there is not."""
 
     seed: int
@@ -32,7 +32,7 @@ class Plan:
         return f"seed {self.seed}, {sum(self.numbers.values())} cases{only}"
 
 
-def begin(folder: Path, plan: Plan) -> None:
+def begin(folder: Path, plan: ExamPlan) -> None:
     """Makes the folder and writes the plan, or finds the same plan there. Raises BadInput where `folder` holds anything else."""
     path = folder / FILE
     if path.is_file():
@@ -48,19 +48,19 @@ def begin(folder: Path, plan: Plan) -> None:
     write_atomically(path, (json.dumps(content, indent=1) + "\n").encode())
 
 
-def read_plan(folder: Path) -> Plan:
+def read_plan(folder: Path) -> ExamPlan:
     """The plan of an exam's folder. Raises BadInput where there is none that can be read."""
     path = folder / FILE
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         if content["format"] != FORMAT:
             raise BadInput(f"{path}: format {content['format']!r} should be {FORMAT!r}; name a new folder")
-        return Plan(int(content["seed"]), {kind: int(number) for kind, number in content["numbers"].items()})
+        return ExamPlan(int(content["seed"]), {kind: int(number) for kind, number in content["numbers"].items()})
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise BadInput(f"{path}: is not the plan of an exam ({type(error).__name__}: {error}); name a new folder") from None
 
 
-def _same(asked: Plan, begun: Plan, folder: Path) -> None:
+def _same(asked: ExamPlan, begun: ExamPlan, folder: Path) -> None:
     numbers = [{kind: number for kind, number in plan.numbers.items() if number} for plan in (asked, begun)]
     if asked.seed != begun.seed or numbers[0] != numbers[1]:
         raise BadInput(f"{folder}: holds an exam with {begun.words}, not {asked.words}; ask for the same again, or name a new folder")

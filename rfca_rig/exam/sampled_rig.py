@@ -18,7 +18,7 @@ HEIGHT_M, FRICTION, START_RAD = 1e-4, 5e-3, float(np.radians(0.15))
 
 
 @dataclass(frozen=True)
-class Scatter:
+class ExamScatter:
     """How one repeat differs from the others."""
 
     height_m: float = 0.0
@@ -26,13 +26,13 @@ class Scatter:
     start_rad: float = 0.0
 
 
-def drawn_scatter(random: np.random.Generator) -> Scatter:
+def drawn_scatter(random: np.random.Generator) -> ExamScatter:
     """Rack, floor and clamp as they fall out each time: 0.1 mm, 0.005, 0.15 degrees."""
     x = random.normal(size=3)
-    return Scatter(float(HEIGHT_M * x[0]), float(FRICTION * x[1]), float(START_RAD * x[2]))
+    return ExamScatter(float(HEIGHT_M * x[0]), float(FRICTION * x[1]), float(START_RAD * x[2]))
 
 
-def world_of(case: Case, height_m: float, scatter: Scatter, repeat: int, stronger: float = 1.0, strokes_before: int = 0) -> World:
+def world_of(case: Case, height_m: float, scatter: ExamScatter, repeat: int, stronger: float = 1.0, strokes_before: int = 0) -> World:
     """The real rig of a case in one repeat (from 1), after `strokes_before` in the campaign; effects that vary between conditions are
     `stronger` times as strong here.
     """
@@ -58,7 +58,7 @@ def _varied(name: str, value: float, stronger: float) -> float:
     return value if name in ("speed_m_s", "cycles_per_turn") else value * stronger
 
 
-def _scattered(world: World, scatter: Scatter) -> World:
+def _scattered(world: World, scatter: ExamScatter) -> World:
     return replace(
         world,
         floor=replace(world.floor, mu=world.floor.mu + scatter.friction),

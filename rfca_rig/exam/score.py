@@ -9,7 +9,7 @@ import numpy as np
 
 from rfca_rig.exam import cases
 from rfca_rig.exam.answer import NAMED, NOTHING, Said
-from rfca_rig.exam.claims import CONFIDENT, Calibration, Judged, Values, calibration, values
+from rfca_rig.exam.claims import CONFIDENT, ClaimCalibration, Judged, Values, calibration, values
 from rfca_rig.exam.outcome import CLASS, DETECTABLE, EXTRA, PARTIAL, RIGHT, SILENT, WRONG, Truth, false_claims, outcome, truth_in
 from rfca_rig.exam.pendulum_cases import PENDULUM_KINDS, PENDULUM_NOTHING
 from rfca_rig.exam.statements import StatementScores, has_right_family, score_statements
@@ -85,7 +85,7 @@ class Marks:
     missed: Share
     detection_errors: Share
     classification_errors: int
-    calibration: Calibration
+    calibration: ClaimCalibration
     values: Values
     gap_closed: float
     gap_worse: Share

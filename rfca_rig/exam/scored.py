@@ -12,7 +12,7 @@ from rfca_rig.exam.claims import parameter_errors
 from rfca_rig.exam.examine import DIAGNOSES, SECONDS
 from rfca_rig.exam.follow_up import Way, ways
 from rfca_rig.exam.outcome import Truth, outcome, truth_in
-from rfca_rig.exam.plan import Plan, read_plan
+from rfca_rig.exam.plan import ExamPlan, read_plan
 from rfca_rig.exam.score import Marks, gap_closed, score
 from rfca_rig.exam.scoring import DIAGNOSIS
 from rfca_rig.exam.sealing import open_all
@@ -59,7 +59,7 @@ class Examined:
     hold, where that was done.
     """
 
-    plan: Plan
+    plan: ExamPlan
     marks: Marks
     cases: tuple[MarkedCase, ...]
     ways: tuple[Way, ...] = ()

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.exam.cases import Case
-from rfca_rig.exam.designs import Design
-from rfca_rig.exam.experiment import HOLD_S, READ_S, STAGES, Stage, static_table, stroke
+from rfca_rig.exam.designs import ExamDesign
+from rfca_rig.exam.experiment import HOLD_S, READ_S, STAGES, ExamStage, static_table, stroke
 from rfca_rig.exam.labels import columns_as_written, speed_as_written
 from rfca_rig.exam.sampled_rig import drawn_scatter, world_of
 from rfca_rig.exam.sensor import Noise
@@ -83,11 +83,11 @@ def add_experiment(case: Case, folder: Path, proposal: Mapping[str, Any], number
     before = written.count(DYNAMIC)
     height_mm, name = float(proposal["height_mm"]), f"next-{number:02d}"
     if "speed_rad_s" in proposal:
-        design = Design(((height_mm, float(proposal["speed_rad_s"])),), int(proposal["repeats"]), ())
+        design = ExamDesign(((height_mm, float(proposal["speed_rad_s"])),), int(proposal["repeats"]), ())
         entries = _strokes(replace(case, design=design), folder, random, f"{name}-dynamic", before)
     else:
         wanted = [(float(np.radians(stage["angle_deg"])), str(stage["direction"])) for stage in proposal["stages"]]
-        design = Design((), 1, (height_mm,))
+        design = ExamDesign((), 1, (height_mm,))
         entries = _static(replace(case, design=design), folder, random, f"{name}-static", wanted, before)
     path.write_text("\n".join([written, *entries]), encoding="utf-8")
 
@@ -124,7 +124,7 @@ def _static(
     before: int = 0,
 ) -> list[str]:
     """Writes the static table, if there is one, read after the strokes `before`; returns its entry."""
-    stages: list[Stage] = []
+    stages: list[ExamStage] = []
     ramp_s = float(random.uniform(*STATIC_RAMPS_S))
     for height_mm in case.design.static_heights_mm:
         world = world_of(case, 1e-3 * height_mm, drawn_scatter(random), 1, _stronger(case, random), before)
@@ -146,7 +146,7 @@ def _csv(columns: dict[str, Floats]) -> str:
     return "\n".join([",".join(columns), *(form % tuple(row) for row in rows.tolist())]) + "\n"
 
 
-def _static_csv(stages: list[Stage], mislabelled: str | None) -> str:
+def _static_csv(stages: list[ExamStage], mislabelled: str | None) -> str:
     forces = {name: np.array([getattr(stage, name) for stage in stages]) for name in ("fy_N", "fz_N", "tx_Nm")}
     written = columns_as_written(forces, mislabelled)
     header = "height_mm,stage,direction,shaft_angle_rad,hinge2_deg,hinge3_deg,hinge4_deg,hinge5_deg,hinge6_deg,hinge7_deg,fy_N,fz_N,tx_Nm"

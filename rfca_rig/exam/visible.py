@@ -21,7 +21,7 @@ from rfca_rig.exam.nominal_world import (
     moved,
     nominal_world,
 )
-from rfca_rig.exam.sampled_rig import Scatter, world_of
+from rfca_rig.exam.sampled_rig import ExamScatter, world_of
 from rfca_rig.exam.sensor import Noise, felt
 from rfca_rig.exam.world import World
 
@@ -93,9 +93,9 @@ def _seen(case: Case, number: int) -> _Seen:
     (height_mm, speed), repeats = case.design.conditions[number], case.design.repeats
     before = (number + 1) * repeats - 1
     plain = replace(case, effects={}, strangers={}, uneven=None, mislabelled=None)
-    world = world_of(plain, 1e-3 * height_mm, Scatter(), 1)
+    world = world_of(plain, 1e-3 * height_mm, ExamScatter(), 1)
     base, until = _forces(world, speed, None)
-    concealed, _ = _forces(world_of(case, 1e-3 * height_mm, Scatter(), repeats, strokes_before=before), speed, until)
+    concealed, _ = _forces(world_of(case, 1e-3 * height_mm, ExamScatter(), repeats, strokes_before=before), speed, until)
 
     def moved_by(sigmas: Floats) -> Floats:
         return _forces(moved(world, sigmas_off(sigmas)), speed, until)[0] - base

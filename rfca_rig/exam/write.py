@@ -11,7 +11,7 @@ from rfca_rig.errors import RigError
 from rfca_rig.exam.cases import KINDS, Case, drawn_cases, shared_out
 from rfca_rig.exam.pendulum_campaign import truth_of_pendulum, write_pendulum_campaign
 from rfca_rig.exam.pendulum_cases import PendulumCase
-from rfca_rig.exam.plan import Plan, begin
+from rfca_rig.exam.plan import ExamPlan, begin
 from rfca_rig.exam.runner import worked_off
 from rfca_rig.exam.sealing import complete, is_sealed, seal_all, unwritten
 from rfca_rig.exam.simulate_campaign import write_campaign
@@ -30,12 +30,12 @@ def write_cases(folder: Path, seed: int, numbers: Mapping[str, int], workers: in
     The truths are sealed before the first campaign is written. `workers` processes share the work, see `executors.local`. What is there
     already from the same plan stays as it is. Raises BadInput where `folder` holds something else, or where a kind is unknown.
     """
-    plan = Plan(seed, numbers)
+    plan = ExamPlan(seed, numbers)
     with process_executor(workers) as executor:
         return write_all(folder, plan, executor)
 
 
-def write_all(folder: Path, plan: Plan, executor: TaskExecutor, told: Told = silent) -> list[Path]:
+def write_all(folder: Path, plan: ExamPlan, executor: TaskExecutor, told: Told = silent) -> list[Path]:
     """The same, by `executor`; `told` hears how far it is."""
     begin(folder, plan)
     cases = drawn_cases(plan.seed, plan.numbers)

@@ -37,7 +37,7 @@ class HostClock:
 
 
 @dataclass(frozen=True)
-class Begun:
+class StageBeginning:
     """A stage that began, by the clock of its part of the run."""
 
     label: str
@@ -80,18 +80,18 @@ def zero_of(stage: StoredStage) -> float | None:
     return min(least, default=None)
 
 
-def _clock_of(stage: StoredStage, first_s: float, begun: list[Begun]) -> HostClock:
+def _clock_of(stage: StoredStage, first_s: float, begun: list[StageBeginning]) -> HostClock:
     """That of the part of the run in which a stage of this name began about when the first sample came."""
     named = [one for one in begun if one.label == stage.label] or begun
     return min(named, key=lambda one: abs(one.at_s - first_s)).clock if named else HostClock()
 
 
-def _begun(events: Iterable[Event]) -> Iterator[Begun]:
+def _begun(events: Iterable[Event]) -> Iterator[StageBeginning]:
     for part in _parts(events):
         timed = [event for event in part.events if "t_s" in event and "utc" in event]
         pairs = sorted((float(event["t_s"]), part.ns(event)) for event in timed)
         clock = HostClock(tuple(at_s for at_s, _ in pairs), tuple(utc_ns for _, utc_ns in pairs))
-        yield from (Begun(str(event.get("stage", "")), float(event["t_s"]), clock) for event in timed)
+        yield from (StageBeginning(str(event.get("stage", "")), float(event["t_s"]), clock) for event in timed)
 
 
 @dataclass(frozen=True)

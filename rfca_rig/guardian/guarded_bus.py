@@ -12,9 +12,9 @@ import can
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.drivers.can_bus import CanBusSettings
 from rfca_rig.drivers.guard import LastWord, LetGo, Silenced
-from rfca_rig.guardian.link import MOST_WAITING_BYTES, Link
-from rfca_rig.guardian.process import FAILED, READY, Assignment, signature
-from rfca_rig.guardian.records import Kind, Record, frame_of, of_frame, silenced_of
+from rfca_rig.guardian.link import MOST_WAITING_BYTES, GuardianLink
+from rfca_rig.guardian.process import FAILED, READY, GuardianAssignment, signature
+from rfca_rig.guardian.records import GuardianRecord, RecordKind, frame_of, of_frame, silenced_of
 from rfca_rig.guardian.starting import started
 from rfca_rig.guardian.torque_off import EVERY_S, LEAST_TIMES
 
@@ -56,7 +56,7 @@ class GuardedBus(can.BusABC):
         self._settings, self._last_word, self._silence_s, self._clock = settings, last_word, silence_s, clock
         self._always = {signature(message) for message in last_word.frames()}
         self._closing = signature(last_word.frames()[-1])
-        self._process, self._link, info = _started(Assignment(settings, last_word, silence_s, clock))
+        self._process, self._link, info = _started(GuardianAssignment(settings, last_word, silence_s, clock))
         self.channel_info = f"{info}, held by a guardian"
         self._arrived: deque[can.Message] = deque(maxlen=MOST_ARRIVED)
         self._arming = self._confirmed = self._asked = 0
@@ -96,7 +96,7 @@ class GuardedBus(can.BusABC):
         self._raise_untold()
         self._arming += 1
         self._is_armed, self._let_go, self._silenced = True, "", None
-        self._link.put(Record(Kind.ARM, self._clock.now_s(), number=self._arming))
+        self._link.put(GuardianRecord(RecordKind.ARM, self._clock.now_s(), number=self._arming))
         self._link.flush()
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 (the guardian's end is never waited for)
@@ -115,7 +115,7 @@ class GuardedBus(can.BusABC):
     def _send_and_wait(self, msg: can.Message) -> None:
         if not self._fault:
             self._asked += 1
-            self._link.put(of_frame(msg, self._clock.now_s(), Kind.FRAME_TO_CONFIRM, self._asked))
+            self._link.put(of_frame(msg, self._clock.now_s(), RecordKind.FRAME_TO_CONFIRM, self._asked))
             self._link.flush()
             self._await_confirmed()
         if self._alone is not None:
@@ -177,20 +177,20 @@ class GuardedBus(can.BusABC):
         elif now_s - self._heard_s > HUNG_S:
             self._take_over(f"guardian hangs, silent for {now_s - self._heard_s:.2f} s")
 
-    def _take(self, record: Record) -> None:
+    def _take(self, record: GuardianRecord) -> None:
         match record.kind:
-            case Kind.FRAME:
+            case RecordKind.FRAME:
                 self._arrived.append(frame_of(record))
-            case Kind.ALIVE:
+            case RecordKind.ALIVE:
                 self._heard_s, self._is_off = max(self._heard_s, record.t_s), bool(record.number)
-            case Kind.CONFIRMED:
+            case RecordKind.CONFIRMED:
                 self._confirmed, self._refusal = record.number, record.text
-            case Kind.BUS_ERROR:
+            case RecordKind.BUS_ERROR:
                 self._untold = can.CanOperationError(record.text)
-            case Kind.LET_GO if record.number == self._arming:
+            case RecordKind.LET_GO if record.number == self._arming:
                 self._is_armed, self._let_go = False, record.text
                 self._untold = self._untold or LetGo(record.text)
-            case Kind.SILENCED if record.number == self._arming:
+            case RecordKind.SILENCED if record.number == self._arming:
                 self._silenced = silenced_of(record)
 
     def _raise_untold(self) -> None:
@@ -233,7 +233,7 @@ class GuardedBus(can.BusABC):
     def _close(self) -> None:
         if self._fault:
             return
-        self._link.put(Record(Kind.CLOSE, self._clock.now_s()))
+        self._link.put(GuardianRecord(RecordKind.CLOSE, self._clock.now_s()))
         self._link.flush()
         has_to_let_go = self._is_armed or (self._let_go and self._silenced is None)
         until_s = self._clock.now_s() + ENDED_WITHIN_S
@@ -253,7 +253,7 @@ class GuardedBus(can.BusABC):
         self._process.wait()
 
 
-def _started(assignment: Assignment) -> tuple[subprocess.Popen[bytes], Link, str]:
+def _started(assignment: GuardianAssignment) -> tuple[subprocess.Popen[bytes], GuardianLink, str]:
     try:
         process, child = started(assignment)
     except OSError as error:
@@ -264,7 +264,7 @@ def _started(assignment: Assignment) -> tuple[subprocess.Popen[bytes], Link, str
             process.kill()
             process.wait()
             raise can.CanInitializationError(said)
-        return process, Link(socket.socket(fileno=os.dup(child.fileno()))), said
+        return process, GuardianLink(socket.socket(fileno=os.dup(child.fileno()))), said
 
 
 def _first_words(child: Connection) -> tuple[str, str]:

@@ -3,13 +3,13 @@
 import select
 import socket
 
-from rfca_rig.guardian.records import Record, encode, split
+from rfca_rig.guardian.records import GuardianRecord, encode, split
 
 MOST_WAITING_BYTES = 1 << 18  # some 8000 frames
 READ_BYTES = 1 << 16
 
 
-class Link:
+class GuardianLink:
     """`flush` sends what the other side has room for, and keeps the rest; `take` gives what has come."""
 
     def __init__(self, end: socket.socket) -> None:
@@ -22,7 +22,7 @@ class Link:
     def fileno(self) -> int:
         return self._end.fileno()
 
-    def put(self, record: Record, may_be_dropped: bool = False) -> bool:
+    def put(self, record: GuardianRecord, may_be_dropped: bool = False) -> bool:
         """Goes out with the next `flush`. False where it was dropped, because too much waits already."""
         if may_be_dropped and len(self._waiting) > MOST_WAITING_BYTES:
             self.flush()
@@ -41,7 +41,7 @@ class Link:
             self.is_cut = True  # what the other side said before can still be taken
             self._waiting.clear()
 
-    def take(self) -> list[Record]:
+    def take(self) -> list[GuardianRecord]:
         """Everything that came, in order; `is_cut` is true afterwards where nothing more can come."""
         try:
             while received := self._end.recv(READ_BYTES):

@@ -15,8 +15,8 @@ import can
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.drivers.can_bus import CanBusSettings
 from rfca_rig.drivers.guard import LastWord
-from rfca_rig.guardian.link import Link
-from rfca_rig.guardian.records import Kind, Record, frame_of, of_frame, of_silenced, of_text
+from rfca_rig.guardian.link import GuardianLink
+from rfca_rig.guardian.records import GuardianRecord, RecordKind, frame_of, of_frame, of_silenced, of_text
 from rfca_rig.guardian.silence import Silence
 from rfca_rig.guardian.torque_off import LettingGo
 
@@ -29,7 +29,7 @@ READY, FAILED = "ready", "failed"
 
 
 @dataclass(frozen=True)
-class Assignment:
+class GuardianAssignment:
     """What to hold, and when to let go of it. `clock` is the parent's: both tell the same time, as the clock behind it is the machine's."""
 
     bus: CanBusSettings
@@ -47,14 +47,14 @@ def guard(parent: Connection) -> None:
     orders = Orders()
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
         signal.signal(number, orders.end)
-    assignment: Assignment = parent.recv()
+    assignment: GuardianAssignment = parent.recv()
     try:
         bus = assignment.bus.open()
     except Exception as error:  # python-can's interfaces raise all sorts, NameError and ImportError where the vendor's library is missing
         parent.send((FAILED, str(error) or type(error).__name__))
         return
     parent.send((READY, str(bus.channel_info)))
-    link = Link(socket.socket(fileno=os.dup(parent.fileno())))
+    link = GuardianLink(socket.socket(fileno=os.dup(parent.fileno())))
     try:
         Guardian(bus, link, assignment.last_word, assignment.silence_s, assignment.clock).run(orders.signal_name)
     finally:
@@ -84,7 +84,7 @@ class Orders:
 class Guardian:
     """From the link to the bus and back. Only what lets the drive go passes at any time, the rest while commands keep coming."""
 
-    def __init__(self, bus: can.BusABC, link: Link, last_word: LastWord, silence_s: float, clock: Clock) -> None:
+    def __init__(self, bus: can.BusABC, link: GuardianLink, last_word: LastWord, silence_s: float, clock: Clock) -> None:
         self._bus = bus
         self._link = link
         self._last_word = last_word
@@ -149,32 +149,32 @@ class Guardian:
     def _obey(self, now_s: float) -> None:
         for record in self._link.take():
             match record.kind:
-                case Kind.FRAME:
+                case RecordKind.FRAME:
                     self._forward(record, now_s)
-                case Kind.FRAME_TO_CONFIRM:
+                case RecordKind.FRAME_TO_CONFIRM:
                     self._forward_and_confirm(record)
-                case Kind.ARM:
+                case RecordKind.ARM:
                     self._arming, self._letting_go = record.number, None
                     self._silence.arm(record.t_s)
-                case Kind.CLOSE:
+                case RecordKind.CLOSE:
                     self._is_done = True
 
-    def _forward(self, record: Record, now_s: float) -> None:
+    def _forward(self, record: GuardianRecord, now_s: float) -> None:
         """Refuses what comes too late, without a word: that there was a silence is told when it is found."""
         if self._silence.may_pass(record.t_s, now_s):
             failure = self._sent(record)
             if failure:
-                self._tell(of_text(Kind.BUS_ERROR, now_s, failure))
+                self._tell(of_text(RecordKind.BUS_ERROR, now_s, failure))
 
-    def _forward_and_confirm(self, record: Record) -> None:
+    def _forward_and_confirm(self, record: GuardianRecord) -> None:
         """What lets the drive go, and nothing else, is sent this way."""
         message = frame_of(record)
         failure = self._sent(record) if signature(message) in self._always else "no frame that lets the drive go"
         if not failure and signature(message) == self._closing:
             self._silence.disarm()
-        self._tell(of_text(Kind.CONFIRMED, record.t_s, failure, record.number))
+        self._tell(of_text(RecordKind.CONFIRMED, record.t_s, failure, record.number))
 
-    def _sent(self, record: Record) -> str:
+    def _sent(self, record: GuardianRecord) -> str:
         """Why the bus did not take it; empty where it did."""
         try:
             self._bus.send(frame_of(record), timeout=0.0)
@@ -196,7 +196,7 @@ class Guardian:
             self._is_off = self._bus.state is can.BusState.ERROR
         except Exception as error:  # as above; the parent hears of it
             self._listen_s = now_s + DEAF_S
-            self._link.put(of_text(Kind.BUS_ERROR, now_s, str(error) or type(error).__name__), may_be_dropped=True)
+            self._link.put(of_text(RecordKind.BUS_ERROR, now_s, str(error) or type(error).__name__), may_be_dropped=True)
 
     def _may_hold_a_frame(self, now_s: float) -> bool:
         """`recv` of some adapters waits a millisecond where nothing is there, in spite of its timeout. Now and then it is asked anyway."""
@@ -217,7 +217,7 @@ class Guardian:
         self._silence.disarm()
         self._letting_go = LettingGo(self._bus, self._last_word, now_s, silent_s)
         self._carry_on(now_s)
-        self._tell(of_text(Kind.LET_GO, now_s, f"guardian let go {why}", self._arming))
+        self._tell(of_text(RecordKind.LET_GO, now_s, f"guardian let go {why}", self._arming))
 
     def _carry_on(self, now_s: float) -> None:
         if self._letting_go is None:
@@ -226,7 +226,7 @@ class Guardian:
         self._letting_go.step(now_s)
         failure = self._letting_go.failure
         if failure and failure != failed_before:
-            self._tell(of_text(Kind.BUS_ERROR, now_s, f"the guardian's last word was not taken: {failure}"))
+            self._tell(of_text(RecordKind.BUS_ERROR, now_s, f"the guardian's last word was not taken: {failure}"))
         if self._letting_go.is_over:
             self._tell(of_silenced(self._letting_go.did(), now_s, self._arming))
             self._letting_go = None
@@ -234,9 +234,9 @@ class Guardian:
     def _show_life(self, now_s: float) -> None:
         if now_s - self._alive_s >= ALIVE_S:
             self._alive_s = now_s
-            self._link.put(Record(Kind.ALIVE, now_s, number=int(self._is_off)), may_be_dropped=True)
+            self._link.put(GuardianRecord(RecordKind.ALIVE, now_s, number=int(self._is_off)), may_be_dropped=True)
 
-    def _tell(self, record: Record) -> None:
+    def _tell(self, record: GuardianRecord) -> None:
         self._link.put(record)
 
 

@@ -12,7 +12,7 @@ HEAD = struct.Struct("<BBBxHxxIId")  # kind, flags, dlc, payload bytes, number, 
 _SILENCED = struct.Struct("<ddqd")
 
 
-class Kind(IntEnum):
+class RecordKind(IntEnum):
     """Both ways: FRAME. To the guardian: FRAME_TO_CONFIRM, ARM, CLOSE. From it: the rest."""
 
     FRAME = 1
@@ -38,13 +38,13 @@ class Form(IntFlag):
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class GuardianRecord:
     """`t_s` is the time of the machine's clock that both share; of a frame from the bus, its own time stamp.
 
     `number` says which arming, or which frame to be confirmed; `flags`, `dlc` and `arbitration_id` belong to frames.
     """
 
-    kind: Kind
+    kind: RecordKind
     t_s: float
     number: int = 0
     payload: bytes = b""
@@ -57,12 +57,12 @@ class Record:
         return self.payload.decode()
 
 
-def encode(record: Record) -> bytes:
+def encode(record: GuardianRecord) -> bytes:
     head = HEAD.pack(record.kind, record.flags, record.dlc, len(record.payload), record.number, record.arbitration_id, record.t_s)
     return head + record.payload
 
 
-def split(received: bytes | bytearray) -> tuple[list[Record], int]:
+def split(received: bytes | bytearray) -> tuple[list[GuardianRecord], int]:
     """Every whole record, and how many bytes they took."""
     records, at = [], 0
     while at + HEAD.size <= len(received):
@@ -70,12 +70,12 @@ def split(received: bytes | bytearray) -> tuple[list[Record], int]:
         end = at + HEAD.size + size
         if end > len(received):
             break
-        records.append(Record(Kind(kind), t_s, number, bytes(received[at + HEAD.size : end]), flags, dlc, arbitration_id))
+        records.append(GuardianRecord(RecordKind(kind), t_s, number, bytes(received[at + HEAD.size : end]), flags, dlc, arbitration_id))
         at = end
     return records, at
 
 
-def of_frame(message: can.Message, t_s: float, kind: Kind = Kind.FRAME, number: int = 0) -> Record:
+def of_frame(message: can.Message, t_s: float, kind: RecordKind = RecordKind.FRAME, number: int = 0) -> GuardianRecord:
     flags = (
         Form.EXTENDED * message.is_extended_id
         | Form.REMOTE * message.is_remote_frame
@@ -84,10 +84,10 @@ def of_frame(message: can.Message, t_s: float, kind: Kind = Kind.FRAME, number: 
         | Form.BITRATE_SWITCH * message.bitrate_switch
         | Form.ERROR_STATE * message.error_state_indicator
     )
-    return Record(kind, t_s, number, bytes(message.data), flags, message.dlc, message.arbitration_id)
+    return GuardianRecord(kind, t_s, number, bytes(message.data), flags, message.dlc, message.arbitration_id)
 
 
-def frame_of(record: Record) -> can.Message:
+def frame_of(record: GuardianRecord) -> can.Message:
     """With `t_s` as its time stamp."""
     flags = record.flags
     return can.Message(
@@ -104,13 +104,13 @@ def frame_of(record: Record) -> can.Message:
     )
 
 
-def of_text(kind: Kind, t_s: float, text: str, number: int = 0) -> Record:
-    return Record(kind, t_s, number, text.encode()[:2000])
+def of_text(kind: RecordKind, t_s: float, text: str, number: int = 0) -> GuardianRecord:
+    return GuardianRecord(kind, t_s, number, text.encode()[:2000])
 
 
-def of_silenced(did: Silenced, t_s: float, number: int) -> Record:
-    return Record(Kind.SILENCED, t_s, number, _SILENCED.pack(did.silent_s, did.took_s, did.reports, did.torque_Nm))
+def of_silenced(did: Silenced, t_s: float, number: int) -> GuardianRecord:
+    return GuardianRecord(RecordKind.SILENCED, t_s, number, _SILENCED.pack(did.silent_s, did.took_s, did.reports, did.torque_Nm))
 
 
-def silenced_of(record: Record) -> Silenced:
+def silenced_of(record: GuardianRecord) -> Silenced:
     return Silenced(*_SILENCED.unpack(record.payload))

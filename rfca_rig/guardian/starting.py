@@ -5,12 +5,12 @@ import sys
 from multiprocessing.connection import Connection
 
 from rfca_rig import subprocesses
-from rfca_rig.guardian.process import Assignment, guard
+from rfca_rig.guardian.process import GuardianAssignment, guard
 
 MODULE = "rfca_rig.guardian.starting"
 
 
-def started(assignment: Assignment) -> tuple[subprocess.Popen[bytes], Connection]:
+def started(assignment: GuardianAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
     """The process, and the way to talk to it."""
     return subprocesses.started(MODULE, assignment)
 

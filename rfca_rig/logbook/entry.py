@@ -10,7 +10,7 @@ SOURCES = ("SIM", "REAL", "IMPORT")
 
 
 @dataclass(frozen=True)
-class Condition:
+class LoggedCondition:
     """Where something was recorded: height of the shaft and, of strokes and cycles, its speed."""
 
     height_mm: float
@@ -44,7 +44,7 @@ class Entry:
     began_s: float
     operator: str = ""
     sample: str = ""
-    conditions: tuple[Condition, ...] = ()
+    conditions: tuple[LoggedCondition, ...] = ()
     strokes: int = 0
     static_stages: int = 0
     cycles: int = 0
@@ -68,6 +68,6 @@ class Entry:
 
 def entry_of(said: Mapping[str, Any]) -> Entry:
     """The entry of which `plain` gave that, without a verdict. Raises TypeError or LookupError for anything else."""
-    conditions = tuple(Condition(**one) for one in said["conditions"])
+    conditions = tuple(LoggedCondition(**one) for one in said["conditions"])
     named = tuple(said["named_conditions"])
     return Entry(**{**said, "conditions": conditions, "named_conditions": named, "verdict": None})

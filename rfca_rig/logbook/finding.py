@@ -12,7 +12,7 @@ DEEPEST = 6  # folders of folders of runs
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundRun:
     """A run's folder, as a path from the folder of all runs, and what changes whenever one of its files does.
 
     `diagnoses` are the files in it that a diagnosis may be in.
@@ -23,12 +23,12 @@ class Found:
     diagnoses: tuple[str, ...] = ()
 
 
-def runs_below(runs: Path) -> Iterator[Found]:
+def runs_below(runs: Path) -> Iterator[FoundRun]:
     """Every folder that holds a run, however deep; what lies within a run is not looked at."""
     yield from _below(str(runs), "", DEEPEST)
 
 
-def _below(runs: str, folder: str, deeper: int) -> Iterator[Found]:
+def _below(runs: str, folder: str, deeper: int) -> Iterator[FoundRun]:
     try:
         with os.scandir(os.path.join(runs, folder)) as listing:  # noqa: PTH118  (thousands of folders: paths as objects take as long again)
             inside = list(listing)
@@ -39,7 +39,7 @@ def _below(runs: str, folder: str, deeper: int) -> Iterator[Found]:
         telling = [files[name] for name in TELLING if name in files]
         if EXPERIMENT in files:  # any file in the folder may be a recording
             telling += sorted((one for one in inside if one.name not in TELLING and one.is_file()), key=lambda one: one.name)
-        yield Found(folder or ".", "|".join(map(_stamp, telling)), tuple(_diagnoses(inside)))
+        yield FoundRun(folder or ".", "|".join(map(_stamp, telling)), tuple(_diagnoses(inside)))
         return
     for one in inside:
         if deeper and not one.name.startswith(".") and one.is_dir() and not _leads_back(one):

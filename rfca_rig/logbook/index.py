@@ -22,26 +22,26 @@ VERSION = 2  # of what the rows hold; another is not read
 
 
 @dataclass(frozen=True)
-class Row:
+class IndexRow:
     """What was found in a file or folder when its stamp was that; `said` is plain data."""
 
     stamp: str
     said: Mapping[str, Any]
 
 
-def read_index(runs: Path) -> dict[str, Row]:
+def read_index(runs: Path) -> dict[str, IndexRow]:
     """The rows by the path of what they are about; of a missing or damaged index those that are sound."""
     uri = f"file:{quote(str((runs / NAME).absolute()))}?mode=ro&immutable=1"
-    rows: dict[str, Row] = {}
+    rows: dict[str, IndexRow] = {}
     with suppress(sqlite3.Error, OSError), closing(sqlite3.connect(uri, uri=True)) as base:
         if base.execute("PRAGMA user_version").fetchone()[0] == VERSION:
             for path, stamp, text, check in base.execute("SELECT path, stamp, said, sum FROM rows"):
                 if check == _sum(path, stamp, text):
-                    rows[path] = Row(stamp, json.loads(text))
+                    rows[path] = IndexRow(stamp, json.loads(text))
     return rows
 
 
-def write_index(runs: Path, rows: Mapping[str, Row]) -> bool:
+def write_index(runs: Path, rows: Mapping[str, IndexRow]) -> bool:
     """Puts the rows in place of what was there; False where the folder takes no file, and so everything will be read again."""
     made = runs / f"{NAME}.{os.getpid()}-{threading.get_ident()}"
     try:

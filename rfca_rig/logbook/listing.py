@@ -9,8 +9,8 @@ from typing import Any
 
 from rfca_rig.errors import BadInput
 from rfca_rig.logbook.entry import Entry, Verdict, entry_of
-from rfca_rig.logbook.finding import Found, runs_below
-from rfca_rig.logbook.index import Row, read_index, write_index
+from rfca_rig.logbook.finding import FoundRun, runs_below
+from rfca_rig.logbook.index import IndexRow, read_index, write_index
 from rfca_rig.logbook.reading import entry_in
 from rfca_rig.progress import Watcher, counted, unwatched
 from rfca_rig.recording.layout import DIAGNOSIS
@@ -18,7 +18,7 @@ from rfca_rig.recording.layout import DIAGNOSIS
 OF_DIAGNOSIS = "diagnosis:"
 
 
-def diagnoses_near(runs: Path, found: Iterable[Found]) -> Iterator[tuple[Path, os.stat_result]]:
+def diagnoses_near(runs: Path, found: Iterable[FoundRun]) -> Iterator[tuple[Path, os.stat_result]]:
     """The files of diagnoses beside the folder of all runs, where the user stands, and in the folders of runs; each once."""
     seen: set[Path] = set()
     around = (file for place in (runs.absolute().parent, Path.cwd()) for way in (DIAGNOSIS, f"*/{DIAGNOSIS}") for file in place.glob(way))
@@ -88,28 +88,28 @@ def list_runs(runs: Path, told: Watcher = unwatched, measure_s: Callable[[Path],
     return sorted(entries, key=lambda entry: (-entry.began_s, entry.folder))
 
 
-def is_run(found: list[Found]) -> bool:
+def is_run(found: list[FoundRun]) -> bool:
     """Whether the folder is itself a run's, which nothing is added to."""
     return [one.folder for one in found] == ["."]
 
 
 def _rows(
-    runs: Path, found: list[Found], known: dict[str, Row], told: Watcher, measure_s: Callable[[Path], float | None]
-) -> dict[str, Row]:
+    runs: Path, found: list[FoundRun], known: dict[str, IndexRow], told: Watcher, measure_s: Callable[[Path], float | None]
+) -> dict[str, IndexRow]:
     """Of every run, read anew where its folder is not as it was."""
     rows = {one.folder: known[one.folder] for one in found if one.folder in known and known[one.folder].stamp == one.stamp}
     new = [one for one in found if one.folder not in rows]
     for one in counted(new, told):
-        rows[one.folder] = Row(one.stamp, entry_in(runs, one.folder, measure_s).plain())
+        rows[one.folder] = IndexRow(one.stamp, entry_in(runs, one.folder, measure_s).plain())
     return rows
 
 
-def _verdicts(runs: Path, found: list[Found], known: dict[str, Row]) -> tuple[dict[str, Verdict], dict[str, Row]]:
+def _verdicts(runs: Path, found: list[FoundRun], known: dict[str, IndexRow]) -> tuple[dict[str, Verdict], dict[str, IndexRow]]:
     """The verdict on each recording, and the rows of the diagnoses that say so."""
     rows, said = {}, []
     for file, stat in diagnoses_near(runs, found):
         stamp, path = stamp_of(stat), f"{OF_DIAGNOSIS}{file}"
-        row = known[path] if path in known and known[path].stamp == stamp else Row(stamp, verdict_in(file))
+        row = known[path] if path in known and known[path].stamp == stamp else IndexRow(stamp, verdict_in(file))
         rows[path] = row
         said.append((_shown(file), stat.st_mtime, row.said))
     return by_identity(said), rows
@@ -120,6 +120,6 @@ def _shown(file: Path) -> str:
     return str(file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file)
 
 
-def _entry(row: Row, verdicts: dict[str, Verdict]) -> Entry:
+def _entry(row: IndexRow, verdicts: dict[str, Verdict]) -> Entry:
     entry = entry_of(row.said)
     return entry.with_verdict(verdicts.get(entry.identity))

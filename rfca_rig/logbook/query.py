@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from rfca_rig.errors import BadInput
-from rfca_rig.logbook.entry import ENDINGS, KINDS, SOURCES, Condition, Entry
+from rfca_rig.logbook.entry import ENDINGS, KINDS, SOURCES, Entry, LoggedCondition
 from rfca_rig.suggestions import suggestion
 from rfca_rig.trip_codes import Trip
 
@@ -60,7 +60,7 @@ class RunQuery:
             return self.verdict == "none"
         return self.verdict in (entry.verdict.words, *entry.verdict.effects)
 
-    def _has_condition(self, conditions: Iterable[Condition]) -> bool:
+    def _has_condition(self, conditions: Iterable[LoggedCondition]) -> bool:
         if self.height_mm is None and self.speed_rad_s is None:
             return True
         return any(_at(self.height_mm, one.height_mm) and _at(self.speed_rad_s, one.speed_rad_s) for one in conditions)

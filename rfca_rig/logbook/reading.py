@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import TRIP, BadInput
-from rfca_rig.logbook.entry import Condition, Entry
+from rfca_rig.logbook.entry import Entry, LoggedCondition
 from rfca_rig.recording.identity import identity_of, identity_of_tables
 from rfca_rig.recording.layout import ENDING, EVENTS, EXPERIMENT, HEADER, PENDULUM, RECORDING
 
@@ -69,7 +69,7 @@ def _whole_lines(path: Path) -> str:
 class _Done:
     """What the events say was recorded; conditions of stages that were cut short are among them."""
 
-    conditions: dict[Condition, None] = field(default_factory=dict)
+    conditions: dict[LoggedCondition, None] = field(default_factory=dict)
     strokes: int = 0
     static_stages: int = 0
     cycles: int = 0
@@ -101,8 +101,8 @@ def _told(lines: Iterable[str], plan: Sequence[Mapping[str, Any]]) -> _Done:
     return done
 
 
-def _condition(stage: Mapping[str, Any]) -> Condition:
-    return Condition(round(1e3 * stage["height_m"], 6), stage["speed_rad_s"] if stage["stage"] in WITH_SPEED else None)
+def _condition(stage: Mapping[str, Any]) -> LoggedCondition:
+    return LoggedCondition(round(1e3 * stage["height_m"], 6), stage["speed_rad_s"] if stage["stage"] in WITH_SPEED else None)
 
 
 def _end(ending: Mapping[str, str]) -> tuple[str, str, str]:
@@ -122,8 +122,8 @@ def _of_recording(path: Path, folder: str) -> Entry:
 
     outline = outline_of(path / RECORDING)
     known = outline.provenance
-    conditions = [Condition(height, speed) for height, speed, _repeat in outline.strokes]
-    conditions += [Condition(round(1e3 * stage.height_m, 6)) for stage in outline.static]
+    conditions = [LoggedCondition(height, speed) for height, speed, _repeat in outline.strokes]
+    conditions += [LoggedCondition(round(1e3 * stage.height_m, 6)) for stage in outline.static]
     ended, code, why = _end(known) if {"ended", "interrupted"} & set(known) else ("", "", "")
     guessed = "static" if outline.static and not outline.strokes else "dynamic"
     return Entry(

@@ -43,7 +43,7 @@ Drive = KnownMotion | KnownTorque
 
 
 @dataclass(frozen=True)
-class Balance:
+class MixedSolution:
     """What (16) answers: accelerations [rad/s2] and drive torques [N m] of all joints (n,), known ones among them."""
 
     ddphi: Floats
@@ -51,7 +51,7 @@ class Balance:
 
 
 @dataclass(frozen=True)
-class Swing:
+class ChainMotion:
     """A motion of the chain at the times `t_s` (m,): joint angles, speeds, accelerations and drive torques, each (m, n)."""
 
     t_s: Floats
@@ -61,12 +61,14 @@ class Swing:
     tau_Nm: Floats
 
 
-def mixed(chain: LinkChain, phi: Floats, dphi: Floats, known: Floats, accelerations_known: NDArray[np.bool_], loads: EndLoads) -> Balance:
+def mixed(
+    chain: LinkChain, phi: Floats, dphi: Floats, known: Floats, accelerations_known: NDArray[np.bool_], loads: EndLoads
+) -> MixedSolution:
     """Solves (16). `known` (n,) holds an acceleration where `accelerations_known` (n,) is true, else the drive's torque."""
     exchange = accelerations_known
     b = right_side_Nm(chain, phi, dphi, np.where(exchange, 0.0, known), loads)
     z = solve_exchanged(mass_matrix(chain, phi), b, known, exchange)
-    return Balance(np.where(exchange, known, z), np.where(exchange, z, known))
+    return MixedSolution(np.where(exchange, known, z), np.where(exchange, z, known))
 
 
 def solve_exchanged(Z: Floats, b: Floats, known: Floats, exchange: NDArray[np.bool_]) -> Floats:
@@ -81,7 +83,7 @@ def exchanged(Z: Floats, exchange: NDArray[np.bool_]) -> Floats:
 
 def swing(
     chain: LinkChain, drives: Sequence[Drive], phi: Floats, dphi: Floats, t_s: Floats, rtol: float = 1e-9, atol: float = 1e-10
-) -> Swing:
+) -> ChainMotion:
     """The motion from `phi`, `dphi` (n,) at t = 0 without ground, each joint under its drive; `t_s` (m,) ascending from 0 on.
 
     Where the motion of a joint is prescribed, its place in `phi`, `dphi` is not used. Raises BadInput where drives and joints differ
@@ -96,7 +98,7 @@ def swing(
         raise SimulationFailed(f"the chain of {phi.size} links stopped before {t_s[-1]:.3f} s: {solution.message}")
     states = [system.place(t, x) for t, x in zip(t_s, solution.y.T, strict=True)]
     balances = [system.balance(t, *state) for t, state in zip(t_s, states, strict=True)]
-    return Swing(
+    return ChainMotion(
         t_s=t_s,
         phi=np.array([phi for phi, _ in states]),
         dphi=np.array([dphi for _, dphi in states]),
@@ -127,7 +129,7 @@ class DrivenChain:
         """What `mixed` asks for: acceleration or torque of each joint."""
         return np.array([drive.torque(t) if isinstance(drive, KnownTorque) else drive.acceleration(t) for drive in self.drives])
 
-    def balance(self, t: float, phi: Floats, dphi: Floats) -> Balance:
+    def balance(self, t: float, phi: Floats, dphi: Floats) -> MixedSolution:
         """Accelerations and torques at this moment, in the air."""
         return mixed(self.chain, phi, dphi, self.known(t), ~self.free, no_loads(phi.size))
 

@@ -76,7 +76,7 @@ class Pendulum:
 
 
 @dataclass(frozen=True)
-class Swing:
+class PendulumMotion:
     """A simulated motion: joint angles and speeds (m, n) at the times (m,)."""
 
     t_s: Floats
@@ -94,7 +94,7 @@ class DrivenPendulum:
     laws: Laws
     readings: JointReadings = field(default=JointReadings())
 
-    def swing(self, trace: TorqueTrace, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance = FINE) -> Swing:
+    def swing(self, trace: TorqueTrace, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance = FINE) -> PendulumMotion:
         """The motion as it is read, from the readings `angle_rad`, `speed_rad_s` (n,) at t = 0; `t_s` (m,) ascending, above 0.
 
         Raises BadInput where the trace has not one torque per joint, SimulationFailed where the integrator cannot go on.
@@ -111,12 +111,12 @@ class DrivenPendulum:
             motion = self._simulate_lagged(laws, angle_rad - zero, speed_rad_s, t_s, tolerance)
         return replace(motion, angle_rad=motion.angle_rad + zero)
 
-    def _simulate(self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance) -> Swing:
+    def _simulate(self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance) -> PendulumMotion:
         state, samples = self._begin(laws, angle_rad, speed_rad_s), room_for(t_s, len(angle_rad) + 1)
         advance(self.chain, FIXED.shaft(), state, (0.0, float(t_s[-1])), FIRST_STEP_S, tolerance, samples, laws)
-        return Swing(t_s, np.diff(samples.q, axis=1), np.diff(samples.w, axis=1))
+        return PendulumMotion(t_s, np.diff(samples.q, axis=1), np.diff(samples.w, axis=1))
 
-    def _simulate_lagged(self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance) -> Swing:
+    def _simulate_lagged(self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance) -> PendulumMotion:
         """The same read with a lag: tau y' = x - y. At the start x = y + tau y' for the angle, y = x - tau x' + tau^2 x'' for the speed."""
         lag_s, more_s = self.readings.angle_lag_s, self.readings.speed_lag_s
         angle, speed = angle_rad + lag_s * speed_rad_s, speed_rad_s
@@ -132,7 +132,7 @@ class DrivenPendulum:
         late_speed = speed_rad_s - more_s * acceleration + more_s**2 * jerk
         speeds = _read(times, speed_rad_s, speeds, late_speed, more_s)
         kept = np.searchsorted(times, t_s)
-        return Swing(t_s, angles[kept], speeds[kept])
+        return PendulumMotion(t_s, angles[kept], speeds[kept])
 
     def _begin(self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats) -> State:
         """Laws with memory remember a turn at even speed, so that friction is fully there from the start in a joint that moves."""
@@ -185,7 +185,7 @@ def swing(
     t_s: Floats,
     effects: Sequence[PresentEffect] = (),
     tolerance: Tolerance = FINE,
-) -> Swing:
+) -> PendulumMotion:
     """One motion of a pendulum; see `DrivenPendulum.swing`."""
     return driven(pendulum, effects).swing(trace, angle_rad, speed_rad_s, t_s, tolerance)
 

@@ -22,7 +22,7 @@ from rfca_rig.protocol.plan import (
 
 
 @dataclass(frozen=True)
-class Condition:
+class PlannedCondition:
     """One height of the rack and one speed of the shaft."""
 
     height_m: float
@@ -34,7 +34,7 @@ class Flapping:
     """Strokes at each condition, `repeats` times; after a stroke the shaft goes on over the top to the start angle."""
 
     title: str
-    conditions: Sequence[Condition]
+    conditions: Sequence[PlannedCondition]
     repeats: int
     sweep_rad: float
     return_speed_rad_s: float

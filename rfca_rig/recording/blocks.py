@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from rfca_rig.recording.journal import Block, Kind
+from rfca_rig.recording.journal import BlockKind, JournalBlock
 from rfca_rig.recording.model import StaticStage
-from rfca_rig.recording.rows import ColumnForm, Rows, Start, StreamForm, packed
+from rfca_rig.recording.rows import ColumnForm, CommandedStart, Rows, StreamForm, packed
 
 
 @dataclass(frozen=True)
@@ -18,18 +18,18 @@ class Begin:
     height_m: float
     forms: tuple[StreamForm, ...]
 
-    def block(self) -> Block:
-        return _text(Kind.BEGIN, asdict(self))
+    def block(self) -> JournalBlock:
+        return _text(BlockKind.BEGIN, asdict(self))
 
     @staticmethod
-    def of(block: Block) -> "Begin":
+    def of(block: JournalBlock) -> "Begin":
         said = json.loads(block.payload)
         forms = (StreamForm(form["name"], tuple(ColumnForm(**column) for column in form["columns"])) for form in said["forms"])
         return Begin(said["label"], said["height_m"], tuple(forms))
 
 
 @dataclass(frozen=True)
-class Condition:
+class StrokeCondition:
     """That the stage was a stroke, and which."""
 
     speed_rad_s: float
@@ -40,17 +40,17 @@ class Condition:
 class End:
     """A stage that is done: a stroke or a static stage, or else why it was cut short."""
 
-    stroke: Condition | None = None
+    stroke: StrokeCondition | None = None
     static: StaticStage | None = None
     cut_short: str = ""
 
-    def block(self) -> Block:
-        return _text(Kind.END, asdict(self))
+    def block(self) -> JournalBlock:
+        return _text(BlockKind.END, asdict(self))
 
     @staticmethod
-    def of(block: Block) -> "End":
+    def of(block: JournalBlock) -> "End":
         said = json.loads(block.payload)
-        stroke = Condition(**said["stroke"]) if said["stroke"] else None
+        stroke = StrokeCondition(**said["stroke"]) if said["stroke"] else None
         return End(stroke, static_stage_of(said["static"]) if said["static"] else None, said["cut_short"])
 
 
@@ -60,23 +60,23 @@ def static_stage_of(said: Mapping[str, Any]) -> StaticStage:
     return StaticStage(**values)
 
 
-def start_block(start: Start) -> Block:
-    return _text(Kind.START, asdict(start))
+def start_block(start: CommandedStart) -> JournalBlock:
+    return _text(BlockKind.START, asdict(start))
 
 
-def start_of(block: Block) -> Start:
+def start_of(block: JournalBlock) -> CommandedStart:
     said = json.loads(block.payload)
-    return Start(said["start_s"], said["offsets"])
+    return CommandedStart(said["start_s"], said["offsets"])
 
 
-def samples_block(rows: Sequence[Rows]) -> Block:
-    return Block(Kind.SAMPLES, packed(rows))
+def samples_block(rows: Sequence[Rows]) -> JournalBlock:
+    return JournalBlock(BlockKind.SAMPLES, packed(rows))
 
 
-def event_block(event: Mapping[str, object]) -> Block:
+def event_block(event: Mapping[str, object]) -> JournalBlock:
     """One line for `events.jsonl`."""
-    return _text(Kind.EVENT, event)
+    return _text(BlockKind.EVENT, event)
 
 
-def _text(kind: Kind, content: Mapping[str, object]) -> Block:
-    return Block(kind, json.dumps(content, ensure_ascii=False).encode())
+def _text(kind: BlockKind, content: Mapping[str, object]) -> JournalBlock:
+    return JournalBlock(kind, json.dumps(content, ensure_ascii=False).encode())

@@ -10,13 +10,13 @@ from rfca_rig.errors import BadInput
 from rfca_rig.recording.journal import blocks_in, size_of
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGES, SUMS, journals, stage_files
 from rfca_rig.recording.run_text import events_of, read_ending, read_header
-from rfca_rig.recording.summary import Tally, tally_of, together
+from rfca_rig.recording.summary import RecordingSummary, tally_of, together
 from rfca_rig.recording.sums import read_sums, sha256_of
 from rfca_rig.suggestions import not_there
 
 
 @dataclass(frozen=True)
-class Finding:
+class FileFinding:
     """One file by its path in the run's folder, what was found, and whether that is as it should be."""
 
     file: str
@@ -24,7 +24,7 @@ class Finding:
     is_sound: bool = True
 
 
-def check_run(folder: Path) -> Iterator[Finding]:
+def check_run(folder: Path) -> Iterator[FileFinding]:
     """A finding per file, in the order in which a run writes them. Raises BadInput where `folder` holds no run."""
     if not (folder / HEADER).is_file():
         yield from _check_older(folder)
@@ -42,7 +42,7 @@ def check_run(folder: Path) -> Iterator[Finding]:
     yield from sums.rest()
 
 
-def _check_older(folder: Path) -> Iterator[Finding]:
+def _check_older(folder: Path) -> Iterator[FileFinding]:
     """A run of an older version is one recording, or parts of one."""
     files = sorted((*folder.glob("*.h5"), *folder.glob("*.h5.partial/*.h5")))
     if not files:
@@ -56,23 +56,23 @@ class _Sums:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._damage: Finding | None = None
+        self._damage: FileFinding | None = None
         try:
             self._sums = read_sums(folder)
         except BadInput as error:
-            self._sums, self._damage = {}, Finding(SUMS, str(error), False)
+            self._sums, self._damage = {}, FileFinding(SUMS, str(error), False)
 
-    def finding(self, name: str, look: Callable[[], str]) -> Finding:
+    def finding(self, name: str, look: Callable[[], str]) -> FileFinding:
         """What `look` finds in a file whose hash is right."""
         if not (self._folder / name).is_file():
             self._sums.pop(name, None)
-            return Finding(name, "is missing", False)
+            return FileFinding(name, "is missing", False)
         expected = self._sums.pop(name, "")
         if expected and expected != sha256_of(self._folder / name):
-            return Finding(name, "is not what was written: its SHA-256 is another", False)
+            return FileFinding(name, "is not what was written: its SHA-256 is another", False)
         return _guarded(name, look)
 
-    def rest(self) -> Iterator[Finding]:
+    def rest(self) -> Iterator[FileFinding]:
         """Files that have a hash and nothing else to be looked at, such as photos."""
         if self._damage:
             yield self._damage
@@ -80,7 +80,7 @@ class _Sums:
             yield self.finding(name, lambda: "as it was written")
 
 
-def _check_stages(folder: Path, sums: _Sums, events: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+def _check_stages(folder: Path, sums: _Sums, events: Sequence[Mapping[str, Any]]) -> Iterator[FileFinding]:
     """The stages that the events say are on disk, and what else is there."""
     said = {event["file"]: event for event in events if "file" in event}
     there = {f"{STAGES}/{file.name}" for file in stage_files(folder)}
@@ -98,11 +98,11 @@ def _as_said(path: Path, said: Mapping[str, Any] | None) -> str:
     return f"{stage.text()}{lost}"
 
 
-def _check_journal(folder: Path, journal: Path) -> Finding:
+def _check_journal(folder: Path, journal: Path) -> FileFinding:
     sizes = [size_of(block) for block in blocks_in(journal)]
     behind = journal.stat().st_size - sum(sizes)
     words = f"a stage in progress, {len(sizes)} whole blocks; {behind} bytes behind them; type rfca-rig recover {folder}"
-    return Finding(f"{STAGES}/{journal.name}", words)
+    return FileFinding(f"{STAGES}/{journal.name}", words)
 
 
 def _like_its_stages(folder: Path) -> str:
@@ -116,7 +116,7 @@ def _like_its_stages(folder: Path) -> str:
     return found
 
 
-def _in_stages(folder: Path) -> Tally:
+def _in_stages(folder: Path) -> RecordingSummary:
     stages, ending = together(tally_of(file) for file in stage_files(folder)), read_ending(folder)
     return stages if ending is None or ending.static is None else replace(stages, static=len(ending.static))
 
@@ -135,8 +135,8 @@ def _opened(file: Path) -> str:
     return tally_of(file).text()
 
 
-def _guarded(name: str, look: Callable[[], str]) -> Finding:
+def _guarded(name: str, look: Callable[[], str]) -> FileFinding:
     try:
-        return Finding(name, look())
+        return FileFinding(name, look())
     except BadInput as error:
-        return Finding(name, str(error), False)
+        return FileFinding(name, str(error), False)

@@ -17,7 +17,7 @@ LARGEST = 16 << 20  # of a block: a length above it is damage
 PIECE = 1 << 20
 
 
-class Kind(IntEnum):
+class BlockKind(IntEnum):
     """What a block says. All but SAMPLES are JSON."""
 
     BEGIN = 1
@@ -27,25 +27,25 @@ class Kind(IntEnum):
     EVENT = 5
 
 
-_KINDS = {int(kind) for kind in Kind}
+_KINDS = {int(kind) for kind in BlockKind}
 
 
 @dataclass(frozen=True)
-class Block:
+class JournalBlock:
     """One message of the control loop."""
 
-    kind: Kind
+    kind: BlockKind
     payload: bytes
 
 
-def framed(block: Block) -> bytes:
+def framed(block: JournalBlock) -> bytes:
     """The block with its head: mark, kind, length and CRC-32, 12 bytes little endian. Raises ValueError for one above `LARGEST`."""
     if len(block.payload) > LARGEST:
         raise ValueError(f"a block of {len(block.payload)} bytes")
     return _HEAD.pack(_MARK, block.kind, len(block.payload), _checksum(block.kind, block.payload)) + block.payload
 
 
-def whole_blocks(content: bytes) -> tuple[list[Block], int]:
+def whole_blocks(content: bytes) -> tuple[list[JournalBlock], int]:
     """The blocks from the beginning up to the first that is torn or damaged, and how many bytes they take."""
     blocks, used = [], 0
     for block in _blocks(memoryview(content)):
@@ -54,12 +54,12 @@ def whole_blocks(content: bytes) -> tuple[list[Block], int]:
     return blocks, used
 
 
-def size_of(block: Block) -> int:
+def size_of(block: JournalBlock) -> int:
     """Bytes with its head."""
     return _HEAD.size + len(block.payload)
 
 
-def blocks_in(path: Path) -> Iterator[Block]:
+def blocks_in(path: Path) -> Iterator[JournalBlock]:
     """Those of `whole_blocks` from a file of any length, of which little is in memory at a time. Raises OSError."""
     with path.open("rb") as file:
         rest = b""
@@ -79,14 +79,14 @@ def _may_go_on(rest: bytes) -> bool:
     return mark == _MARK and kind in _KINDS and length <= LARGEST and len(rest) < _HEAD.size + length
 
 
-def _blocks(content: memoryview) -> Iterator[Block]:
+def _blocks(content: memoryview) -> Iterator[JournalBlock]:
     at = 0
     while len(content) - at >= _HEAD.size:
         mark, kind, length, checksum = _HEAD.unpack_from(content, at)
         payload = bytes(content[at + _HEAD.size : at + _HEAD.size + length])
         if mark != _MARK or len(payload) != length or checksum != _checksum(kind, payload) or kind not in _KINDS:
             return
-        yield Block(Kind(kind), payload)
+        yield JournalBlock(BlockKind(kind), payload)
         at += _HEAD.size + length
 
 

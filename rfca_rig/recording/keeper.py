@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Protocol
 
 from rfca_rig.errors import DiskFull
-from rfca_rig.recording.journal import Block
+from rfca_rig.recording.journal import JournalBlock
 from rfca_rig.recording.picture import Picture, next_photo, photo_name
 from rfca_rig.recording.run_writer import RunWriter
 
@@ -21,7 +21,7 @@ class Keeper(Protocol):
         """Handed over, and not on its way to the disk yet."""
         ...
 
-    def give(self, block: Block) -> None:
+    def give(self, block: JournalBlock) -> None:
         """Hands over. Raises what ends the run: DiskFull, Tripped where the recorder cannot keep up, RigError where it is no more."""
         ...
 
@@ -56,7 +56,7 @@ class DirectKeeper:
     def backlog_bytes(self) -> int:
         return 0
 
-    def give(self, block: Block) -> None:
+    def give(self, block: JournalBlock) -> None:
         self._writer.take(block)
         self._writer.flush()
         self._writer.work_off()

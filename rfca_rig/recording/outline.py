@@ -16,7 +16,7 @@ from rfca_rig.recording.strokes import GROUP as STROKES
 
 
 @dataclass(frozen=True)
-class Outline:
+class RunOutline:
     """`strokes` are (height in mm, speed in rad/s, repeat) of each; `last_cycle` is the number of the last one in it, 0 without."""
 
     title: str
@@ -28,11 +28,11 @@ class Outline:
     last_cycle: int
 
 
-def outline_of(path: Path) -> Outline:
+def outline_of(path: Path) -> RunOutline:
     """Raises BadInput for a file that is damaged or of another kind."""
     with opened(path) as (file, source):
         tables = [stage[CYCLES][NUMBER] for stage in file.get(RAW, {}).values() if CYCLES in stage]
-        return Outline(
+        return RunOutline(
             title=str(file.attrs["title"]),
             source=source,
             provenance=json.loads(file["provenance"][()]),

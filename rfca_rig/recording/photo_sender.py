@@ -11,7 +11,7 @@ from rfca_rig.recording.picture import Picture
 
 
 @dataclass(frozen=True)
-class Announced:
+class AnnouncedPhoto:
     """A photo of that path and shape, whose bytes come next."""
 
     name: str
@@ -27,14 +27,14 @@ class PhotoSender:
 
     def __init__(self, child: Connection) -> None:
         self._child = child
-        self._waiting: queue.SimpleQueue[tuple[Announced, Picture] | None] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[tuple[AnnouncedPhoto, Picture] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="photos", daemon=True)
 
     def send(self, name: str, picture: Picture) -> None:
         """The caller leaves the picture alone."""
         if not self._thread.ident:
             self._thread.start()
-        self._waiting.put((Announced(name, picture.shape), np.ascontiguousarray(picture)))
+        self._waiting.put((AnnouncedPhoto(name, picture.shape), np.ascontiguousarray(picture)))
 
     def finish(self, within_s: float) -> None:
         """Takes no more."""

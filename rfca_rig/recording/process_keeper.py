@@ -7,10 +7,10 @@ from pathlib import Path
 from rfca_rig.clock import WallClock
 from rfca_rig.errors import DiskFull, RigError, Tripped
 from rfca_rig.recording.block_queue import BlockQueue
-from rfca_rig.recording.journal import Block, framed
+from rfca_rig.recording.journal import JournalBlock, framed
 from rfca_rig.recording.photo_sender import PhotoSender
 from rfca_rig.recording.picture import Picture, next_photo, photo_name
-from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, Assignment, started
+from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, RecorderAssignment, started
 from rfca_rig.trip_codes import Trip
 
 QUEUE_BYTES = 16 << 20  # 20 s of a sensor at 15 kHz
@@ -37,7 +37,7 @@ class ProcessKeeper:
         self._fault = ""
         self._complaint = ""
         try:
-            self._process, self._child = started(Assignment(folder, self._queue.name, patient))
+            self._process, self._child = started(RecorderAssignment(folder, self._queue.name, patient))
         except OSError as error:
             self._queue.remove()
             raise RigError(f"{folder}: no process can be started to record: {error}") from error
@@ -61,7 +61,7 @@ class ProcessKeeper:
         """Handed over, and not taken yet."""
         return 0 if self._child.closed else self._queue.waiting
 
-    def give(self, block: Block) -> None:
+    def give(self, block: JournalBlock) -> None:
         content = framed(block)
         self._check()
         if self._queue.has_complained:

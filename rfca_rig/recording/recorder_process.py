@@ -18,8 +18,8 @@ from rfca_rig.clock import Clock, WallClock
 from rfca_rig.errors import RigError
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.blocks import End
-from rfca_rig.recording.journal import Block, Kind, whole_blocks
-from rfca_rig.recording.photo_sender import Announced
+from rfca_rig.recording.journal import BlockKind, JournalBlock, whole_blocks
+from rfca_rig.recording.photo_sender import AnnouncedPhoto
 from rfca_rig.recording.run_writer import RunWriter
 
 MODULE = "rfca_rig.recording.recorder_process"
@@ -30,7 +30,7 @@ CONTROL_GONE = "the control process ended"
 
 
 @dataclass(frozen=True)
-class Assignment:
+class RecorderAssignment:
     """Which run to keep, and where its blocks come from.
 
     With `patient` each stage is brought to disk before anything else is taken, so that the order of events is the same every time.
@@ -41,7 +41,7 @@ class Assignment:
     patient: bool
 
 
-def started(assignment: Assignment) -> tuple[subprocess.Popen[bytes], Connection]:
+def started(assignment: RecorderAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
     """The process at work, and the way to talk to it."""
     return subprocesses.started(MODULE, assignment)
 
@@ -53,14 +53,14 @@ def keep(parent: Connection) -> None:
     nothing. A parent that is gone ends the run too, with all that it had handed over.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    assignment: Assignment = parent.recv()
+    assignment: RecorderAssignment = parent.recv()
     try:
         queue, writer = BlockQueue.attach(assignment.queue_name), RunWriter(assignment.folder)
     except RigError as error:
         _say(parent, DONE, str(error))
         return
     _say(parent, READY, "")
-    recorder = Recorder(queue, writer, WallClock(), parent, assignment.patient)
+    recorder = DiskRecorder(queue, writer, WallClock(), parent, assignment.patient)
     _say(parent, DONE, recorder.close(recorder.run()))
     queue.close()
 
@@ -72,7 +72,7 @@ def _say(parent: Connection, what: str, words: str) -> None:
         return  # a parent that is gone hears nothing
 
 
-class Recorder:
+class DiskRecorder:
     """From the queue to the disk. What the disk refuses for good is told once, and the rest is let go by."""
 
     def __init__(self, queue: BlockQueue, writer: RunWriter, clock: Clock, parent: Connection, patient: bool) -> None:
@@ -115,7 +115,7 @@ class Recorder:
         try:
             if self._parent.poll(wait_s):
                 said = self._parent.recv()
-                if isinstance(said, Announced):
+                if isinstance(said, AnnouncedPhoto):
                     picture = said.received(self._parent)
                     self._guarded(lambda: self._writer.keep_picture(said.name, picture))
                     self._pictures.add(said.name)
@@ -130,9 +130,9 @@ class Recorder:
         self._queue.took(length)
         self._tell()
 
-    def _take(self, blocks: list[Block]) -> None:
+    def _take(self, blocks: list[JournalBlock]) -> None:
         for block in blocks:
-            if block.kind is Kind.END:
+            if block.kind is BlockKind.END:
                 self._await_photo(End.of(block))
             self._writer.take(block)
             if self._patient:

@@ -41,7 +41,7 @@ class StreamForm:
 
 
 @dataclass(frozen=True)
-class Start:
+class CommandedStart:
     """The commanded start: its host time, and what takes the place of the offset of columns, by name."""
 
     start_s: float
@@ -96,7 +96,7 @@ class RowBatches:
         return np.frombuffer(b"".join(self._pieces[stream]), self._dtypes[stream])
 
 
-def stream_of(form: StreamForm, rows: Rows, start: Start) -> Stream:
+def stream_of(form: StreamForm, rows: Rows, start: CommandedStart) -> Stream:
     """The rows as columns, with their time from the device's own counter."""
     columns = {
         column.name: Column(np.ascontiguousarray(rows[column.name]), column.unit, column.conversion, column.offset)
@@ -105,7 +105,7 @@ def stream_of(form: StreamForm, rows: Rows, start: Start) -> Stream:
     return Stream(_device_time(rows, start.start_s), columns)
 
 
-def started(form: StreamForm, start: Start) -> StreamForm:
+def started(form: StreamForm, start: CommandedStart) -> StreamForm:
     """The form with the offsets that the commanded start decides."""
     return replace(form, columns=tuple(replace(column, offset=start.offsets.get(column.name, column.offset)) for column in form.columns))
 

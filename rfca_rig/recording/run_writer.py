@@ -9,7 +9,7 @@ from rfca_rig.recording.atomic import GrowingFile, remove, sync_folder
 from rfca_rig.recording.blocks import End, event_block
 from rfca_rig.recording.cooperative import Steps
 from rfca_rig.recording.disk_reserve import Ballast
-from rfca_rig.recording.journal import Block, Kind, framed
+from rfca_rig.recording.journal import BlockKind, JournalBlock, framed
 from rfca_rig.recording.layout import EVENTS, STAGES, journal_path, next_number, stage_path
 from rfca_rig.recording.picture import Picture, write_picture
 from rfca_rig.recording.run_lock import lock
@@ -41,16 +41,16 @@ class RunWriter:
         self.acknowledged = 0
         self.complaint = ""
 
-    def take(self, block: Block) -> None:
+    def take(self, block: JournalBlock) -> None:
         """Raises RigError where the disk refuses for good. Samples reach the disk with `flush`, the file of a stage with `work`."""
         match block.kind:
-            case Kind.EVENT:
+            case BlockKind.EVENT:
                 self._kept(lambda: self._events.append(block.payload + b"\n"))
-            case Kind.BEGIN:
+            case BlockKind.BEGIN:
                 self._begin(block)
-            case Kind.SAMPLES | Kind.START:
+            case BlockKind.SAMPLES | BlockKind.START:
                 self._waiting.append(framed(block))
-            case Kind.END:
+            case BlockKind.END:
                 self._end(block)
 
     def flush(self) -> None:
@@ -105,11 +105,11 @@ class RunWriter:
             self._events.close()
             self._ballast.release()
 
-    def _begin(self, block: Block) -> None:
+    def _begin(self, block: JournalBlock) -> None:
         self._journal = GrowingFile(journal_path(self._folder, self._number))
         self._waiting = [framed(block)]
 
-    def _end(self, block: Block) -> None:
+    def _end(self, block: JournalBlock) -> None:
         self._waiting.append(framed(block))
         self.flush()
         if self._journal is None:

@@ -17,10 +17,10 @@ from rfca_rig.recording.blocks import Begin, End, start_of
 from rfca_rig.recording.columns import ROWS_PER_CHUNK, link
 from rfca_rig.recording.cooperative import Steps
 from rfca_rig.recording.hdf5_file import FileBeingMade, being_made
-from rfca_rig.recording.journal import Kind, blocks_in
+from rfca_rig.recording.journal import BlockKind, blocks_in
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.raw_stages import make_raw_stages, mark_raw_stage
-from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, RowBatches, Rows, Start, host_offset_s, started
+from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, CommandedStart, RowBatches, Rows, host_offset_s, started
 from rfca_rig.recording.static_table import write_static
 from rfca_rig.recording.store import mark_recording
 from rfca_rig.recording.strokes import TIME, make_streams, make_strokes, mark_stroke, write_rows
@@ -33,7 +33,7 @@ class Survey:
     """What a journal holds. Per stream, in the order of the forms: how many samples, and the offset of the device's clock to the host's."""
 
     begin: Begin
-    start: Start
+    start: CommandedStart
     end: End
     lengths: tuple[int, ...]
     host_offsets_s: tuple[float, ...]
@@ -83,7 +83,7 @@ def _sense_in(journal: Path) -> Iterator[None]:
 def _survey(journal: Path) -> Steps[Survey | None]:
     blocks = blocks_in(journal)
     first = next(blocks, None)
-    if first is None or first.kind is not Kind.BEGIN:
+    if first is None or first.kind is not BlockKind.BEGIN:
         return None
     begin, found = Begin.of(first), _Found()
     counts = [_Count() for _ in begin.forms]
@@ -92,14 +92,14 @@ def _survey(journal: Path) -> Steps[Survey | None]:
         yield
     first_s = min((count.first_s for count in counts if count.length), default=0.0)
     lengths, offsets_s = tuple(count.length for count in counts), tuple(count.offset_s for count in counts)
-    return Survey(begin, found.start or Start(first_s), found.end, lengths, offsets_s)
+    return Survey(begin, found.start or CommandedStart(first_s), found.end, lengths, offsets_s)
 
 
 class _Found:
     """What the blocks said besides samples."""
 
     def __init__(self) -> None:
-        self.start: Start | None = None
+        self.start: CommandedStart | None = None
         self.end = End(cut_short=INTERRUPTED)
 
     def batches(self, begin: Begin, journal: Path) -> Iterator[tuple[int, Rows]]:
@@ -107,11 +107,11 @@ class _Found:
         gathering = RowBatches(begin.forms, ROWS_PER_CHUNK)
         for block in blocks_in(journal):
             match block.kind:
-                case Kind.SAMPLES:
+                case BlockKind.SAMPLES:
                     yield from gathering.add(block.payload)
-                case Kind.START:
+                case BlockKind.START:
                     self.start = start_of(block)
-                case Kind.END:
+                case BlockKind.END:
                     self.end = End.of(block)
         yield from gathering.rest()
 

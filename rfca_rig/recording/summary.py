@@ -19,7 +19,7 @@ SEQUENCE = "rdt_sequence"
 
 
 @dataclass(frozen=True)
-class Tally:
+class RecordingSummary:
     """Counts. `samples` are per name of stream, `missing` the records that the sensor's own numbers leave out, per stream that has any.
 
     `cut_short` are the labels of stages that were.
@@ -36,7 +36,7 @@ class Tally:
         return f"{self.strokes} strokes, {self.static} static stages, {self.raw} raw, {sum(self.samples.values())} samples"
 
 
-def tally_of(path: Path, thorough: bool = True) -> Tally:
+def tally_of(path: Path, thorough: bool = True) -> RecordingSummary:
     """Reads every value once, a piece at a time, because that is what finds all damage; otherwise trusts the file's seal.
 
     Raises BadInput for a file that is damaged or of another kind.
@@ -51,10 +51,10 @@ def tally_of(path: Path, thorough: bool = True) -> Tally:
                 _read_through(group)
             missing += [gone for gone in _missing(group) if gone]
         cut_short = tuple(str(group.attrs["label"]) for group in raw if group.attrs["cut_short"])
-        return Tally(len(strokes), len(read_static(file)), len(raw), dict(samples), tuple(missing), cut_short)
+        return RecordingSummary(len(strokes), len(read_static(file)), len(raw), dict(samples), tuple(missing), cut_short)
 
 
-def together(tallies: Iterable[Tally]) -> Tally:
+def together(tallies: Iterable[RecordingSummary]) -> RecordingSummary:
     """Of several recordings of one run as of one."""
     parts = list(tallies)
     samples: Counter[str] = Counter()
@@ -62,7 +62,7 @@ def together(tallies: Iterable[Tally]) -> Tally:
         samples.update(part.samples)
     strokes, static, raw = (sum(getattr(part, name) for part in parts) for name in ("strokes", "static", "raw"))
     missing = tuple(gone for part in parts for gone in part.missing)
-    return Tally(strokes, static, raw, dict(samples), missing, tuple(label for part in parts for label in part.cut_short))
+    return RecordingSummary(strokes, static, raw, dict(samples), missing, tuple(label for part in parts for label in part.cut_short))
 
 
 def _numbered(group: h5py.Group) -> list[h5py.Group]:

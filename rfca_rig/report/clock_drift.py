@@ -17,7 +17,7 @@ FEWEST_BLOCKS = 4
 
 
 @dataclass(frozen=True)
-class Drift:
+class ClockDrift:
     """`ppm` more time on the device than on the host, over `span_s` of `blocks` quarters of a second.
 
     `half_ppm` is the most that uneven arrival can feign: the loop looks only so often, so that a sample may be early or late by all that
@@ -31,7 +31,7 @@ class Drift:
     blocks: int
 
 
-def clock_drifts(recording: Recording) -> list[Drift]:
+def clock_drifts(recording: Recording) -> list[ClockDrift]:
     """Of each device whose samples carry both clocks.
 
     A sample arrives late, never early: in each quarter of a second the one that came soonest counts. A device that was started anew
@@ -43,7 +43,7 @@ def clock_drifts(recording: Recording) -> list[Drift]:
     return [drift for drift in drifts if drift is not None]
 
 
-def _drift(device: str, streams: Sequence[Stream]) -> Drift | None:
+def _drift(device: str, streams: Sequence[Stream]) -> ClockDrift | None:
     pairs = sorted(pair for stream in streams for pair in _soonest(stream))
     host_s, device_s = np.array(pairs).reshape(-1, 2).T
     anew = np.flatnonzero(np.diff(device_s) < 0.0)
@@ -55,7 +55,7 @@ def _drift(device: str, streams: Sequence[Stream]) -> Drift | None:
     slope = float(centred @ ahead_s) / float(centred @ centred)
     uneven_s = float(np.ptp(ahead_s - slope * centred))
     span_s = float(np.ptp(host_s))
-    return Drift(device, 1e6 * slope, 2e6 * uneven_s / span_s, span_s, len(host_s))
+    return ClockDrift(device, 1e6 * slope, 2e6 * uneven_s / span_s, span_s, len(host_s))
 
 
 def _soonest(stream: Stream) -> Iterator[tuple[float, float]]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
-from rfca_rig.diagnosis.result import BeforeAfter, Cell, Diagnosis, Located, NamedEffect, Value
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, MapCell, NamedEffect, Value
 
 FORMAT = "rfca-diagnosis/2"
 DIGITS = 7
@@ -133,7 +133,7 @@ def _before_after(each: BeforeAfter) -> dict[str, float | None]:
     return {"before": each.before, "after": each.after}
 
 
-def _cell(cell: Cell) -> dict[str, Any]:
+def _cell(cell: MapCell) -> dict[str, Any]:
     return {
         "signal": cell.signal,
         "experiment": cell.experiment,

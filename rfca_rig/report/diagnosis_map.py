@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from rfca_rig.analysis.phases import PHASES
-from rfca_rig.diagnosis.result import Cell, Diagnosis
+from rfca_rig.diagnosis.result import Diagnosis, MapCell
 from rfca_rig.report.diagnosis_wording import SIGMA, decimals, rounded, significant
 from rfca_rig.report.named_units import shown
 
@@ -103,7 +103,7 @@ def band(sigmas: float) -> int:
     return bisect_right(EDGES, sigmas) if isfinite(sigmas) else 0
 
 
-def _map(experiment: str, cells: Sequence[Cell], located: frozenset[tuple[str, str, str, str]]) -> Map:
+def _map(experiment: str, cells: Sequence[MapCell], located: frozenset[tuple[str, str, str, str]]) -> Map:
     phases = sorted(dict.fromkeys(cell.phase for cell in cells), key=_place)
     grid = condition_grid([cell.condition for cell in cells], len(phases))
     unit, columns = _without_unit(grid.columns)
@@ -116,7 +116,7 @@ def _place(phase: str) -> tuple[int, str]:
     return ORDER.index(phase) if phase in ORDER else len(ORDER), phase
 
 
-def _rows(cells: Sequence[Cell], phases: Sequence[str], grid: Grid, located: frozenset[tuple[str, str, str, str]]) -> tuple[MapRow, ...]:
+def _rows(cells: Sequence[MapCell], phases: Sequence[str], grid: Grid, located: frozenset[tuple[str, str, str, str]]) -> tuple[MapRow, ...]:
     by_place = {(cell.phase, cell.condition): cell for cell in cells}
     across = [(phase, column) for phase in phases for column in grid.columns]
     largest = max((abs(cell.size) for cell in cells if isfinite(cell.size)), default=0.0)
@@ -127,7 +127,7 @@ def _rows(cells: Sequence[Cell], phases: Sequence[str], grid: Grid, located: fro
     )
 
 
-def _shade(cell: Cell | None, places: int, located: frozenset[tuple[str, str, str, str]]) -> Shade:
+def _shade(cell: MapCell | None, places: int, located: frozenset[tuple[str, str, str, str]]) -> Shade:
     if cell is None:
         return Shade("", 0, "", False)
     found = (cell.signal, cell.experiment, cell.phase, cell.condition) in located

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.result import Overlay
+from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.report.envelope import envelope
 from rfca_rig.report.inline_svg import inline_svg
 from rfca_rig.report.named_units import shown, words_and_unit
@@ -33,19 +33,19 @@ class Picture:
     caption: str
 
 
-def pictures_of(overlays: Sequence[Overlay], across: int | None = None) -> list[Picture]:
+def pictures_of(overlays: Sequence[SignalOverlay], across: int | None = None) -> list[Picture]:
     """One picture for each signal, in the order of the overlays; `across` panels side by side, or as many as suit the conditions."""
     signals = dict.fromkeys(overlay.signal for overlay in overlays)
     return [_picture(name, [each for each in overlays if each.signal == name], across) for name in signals]
 
 
-def _picture(signal: str, overlays: Sequence[Overlay], across: int | None) -> Picture:
+def _picture(signal: str, overlays: Sequence[SignalOverlay], across: int | None) -> Picture:
     conditions = counted(len(overlays), "condition")
     caption = f"Means over the repeats of {conditions}, all on one scale; how far repeats scatter is in the noise floor of the table above."
     return Picture(shown(signal), _drawn(signal, overlays, across or _across([overlay.condition for overlay in overlays])), caption)
 
 
-def _drawn(signal: str, overlays: Sequence[Overlay], across: int) -> str:
+def _drawn(signal: str, overlays: Sequence[SignalOverlay], across: int) -> str:
     with drawing():
         figure, panels = panels_of(len(overlays), across)
         for axes, overlay in zip(panels, overlays, strict=True):
@@ -62,7 +62,7 @@ def _across(conditions: Sequence[str]) -> int:
     return alike if 1 < alike <= MOST_ACROSS else min(USUAL_ACROSS, len(conditions))
 
 
-def _draw(axes: Axes, overlay: Overlay, columns: int) -> None:
+def _draw(axes: Axes, overlay: SignalOverlay, columns: int) -> None:
     """Models are broken where they start from the measured state again, and all lines where nothing is compared."""
     t_s, starts_s = overlay.t_s, overlay.starts_s
     windows = np.searchsorted(t_s, starts_s)

@@ -6,21 +6,21 @@ from math import isfinite
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Value
 from rfca_rig.report.diagnosis_wording import STDS_90, meaning
 from rfca_rig.report.named_units import words_and_unit
-from rfca_rig.report.table import Column, Row, Table, places
+from rfca_rig.report.table import Table, TableColumn, TableRow, places
 from rfca_rig.report.table import Value as Shown
 
 MOST_PLACES = 4
 ALL_DATA, HELD_OUT, PRIOR = "all data", "predicted from the others", "prior"
 
 PARAMETERS = (
-    Column("effect", "Effect"),
-    Column("parameter", "Parameter"),
-    Column("value", "Value", half="half_90"),
-    Column("unit", "Unit"),
-    Column("std", role="kept"),
-    Column("low_90", role="kept"),
-    Column("high_90", role="kept"),
-    Column("probability", role="kept"),
+    TableColumn("effect", "Effect"),
+    TableColumn("parameter", "Parameter"),
+    TableColumn("value", "Value", half="half_90"),
+    TableColumn("unit", "Unit"),
+    TableColumn("std", role="kept"),
+    TableColumn("low_90", role="kept"),
+    TableColumn("high_90", role="kept"),
+    TableColumn("probability", role="kept"),
 )
 
 
@@ -28,7 +28,7 @@ def parameters_table(diagnosis: Diagnosis) -> Table:
     """Of every effect that was named, or is likeliest without being claimed."""
     claim = "What the model lacks" if diagnosis.verdict == "named" else "Likeliest of the catalogue, not claimed"
     rows = tuple(
-        Row({"effect": effect.id.replace("_", " "), "probability": effect.probability, **_measured(name, value)})
+        TableRow({"effect": effect.id.replace("_", " "), "probability": effect.probability, **_measured(name, value)})
         for effect in diagnosis.effects
         for name, value in effect.parameters.items()
     )
@@ -39,12 +39,12 @@ def nominal_values_table(diagnosis: Diagnosis) -> Table:
     """The nuisance parameters, as the recordings leave them, with their priors."""
     priors = {name: {"prior_value": value.value, "prior_std": value.std} for name, value in diagnosis.priors.items()}
     columns = (
-        Column("parameter", "Nuisance parameter"),
+        TableColumn("parameter", "Nuisance parameter"),
         *PARAMETERS[2:7],
-        Column("prior_value", "Before", over=PRIOR),
-        Column("prior_std", "Std.", over=PRIOR),
+        TableColumn("prior_value", "Before", over=PRIOR),
+        TableColumn("prior_std", "Std.", over=PRIOR),
     )
-    rows = tuple(Row({**_measured(name, value), **priors.get(name, {})}) for name, value in diagnosis.believed_values.items())
+    rows = tuple(TableRow({**_measured(name, value), **priors.get(name, {})}) for name, value in diagnosis.believed_values.items())
     return Table("believed", "As the recordings leave them, ± half of a 90 % interval.", columns, rows)
 
 
@@ -63,16 +63,18 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
     rows = [_row("signals", name, diagnosis.fit.get(name), diagnosis.held_out.get(f"held_out_{name}")) for name in names]
     rows += [_row("Table II", name, each) for name, each in diagnosis.valley.items()]
     held_out = (
-        (Column("held_out_before", "before", over=HELD_OUT), Column("held_out_after", "after", over=HELD_OUT)) if diagnosis.held_out else ()
+        (TableColumn("held_out_before", "before", over=HELD_OUT), TableColumn("held_out_after", "after", over=HELD_OUT))
+        if diagnosis.held_out
+        else ()
     )
     columns = (
-        Column("of", role="group"),
-        Column("difference", "Difference, rms"),
-        Column("unit", "Unit"),
-        Column("before", over=ALL_DATA),
-        Column("after", over=ALL_DATA),
+        TableColumn("of", role="group"),
+        TableColumn("difference", "Difference, rms"),
+        TableColumn("unit", "Unit"),
+        TableColumn("before", over=ALL_DATA),
+        TableColumn("after", over=ALL_DATA),
         *held_out,
-        Column("noise_floor", "Noise floor"),
+        TableColumn("noise_floor", "Noise floor"),
     )
     caption = (
         "Measured less simulated, means over the repeats of each condition, rms over all of them. Before: the model as it was believed; "
@@ -82,7 +84,7 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
     return Table("before-after", caption + (note if diagnosis.held_out else ""), columns, tuple(rows))
 
 
-def _row(of: str, name: str, fit: BeforeAfter | None, held_out: BeforeAfter | None = None) -> Row:
+def _row(of: str, name: str, fit: BeforeAfter | None, held_out: BeforeAfter | None = None) -> TableRow:
     """All of one line with as many places as the smallest needs for two digits."""
     floors = [each.noise_floor for each in (fit, held_out) if each is not None and each.noise_floor is not None]
     numbers = {
@@ -94,22 +96,22 @@ def _row(of: str, name: str, fit: BeforeAfter | None, held_out: BeforeAfter | No
     }
     words, unit = words_and_unit(name.removeprefix("rms_"))
     digits = max((places(number, 2) for number in numbers.values() if number is not None), default=0)
-    return Row({"of": of, "difference": words, "unit": unit, **numbers}, digits=min(max(digits, 1), MOST_PLACES))
+    return TableRow({"of": of, "difference": words, "unit": unit, **numbers}, digits=min(max(digits, 1), MOST_PLACES))
 
 
 def ruled_out_table(diagnosis: Diagnosis) -> Table:
     """Looked for and not found, with the size from which on each would have been seen; those without could not have been."""
     rows = [
-        Row({"effect": one.id.replace("_", " "), "means": meaning(one.id), **size})
+        TableRow({"effect": one.id.replace("_", " "), "means": meaning(one.id), **size})
         for one in diagnosis.not_seen
         for size in _sizes(one.would_have_seen)
     ]
     columns = (
-        Column("effect", "Effect"),
-        Column("means", role="kept"),
-        Column("parameter", "Seen from"),
-        Column("size", "Size", set_value=True),
-        Column("unit", "Unit"),
+        TableColumn("effect", "Effect"),
+        TableColumn("means", role="kept"),
+        TableColumn("parameter", "Seen from"),
+        TableColumn("size", "Size", set_value=True),
+        TableColumn("unit", "Unit"),
     )
     caption = (
         "Effects looked for and not found, with the size from which on they would have been seen in these data; without a size: "

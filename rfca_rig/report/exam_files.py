@@ -15,7 +15,7 @@ from rfca_rig.report.exam_page import page
 from rfca_rig.report.exam_tables import bars_table, confusion_table, taken_out_table, ways_table
 from rfca_rig.report.files import table_files, write_all
 from rfca_rig.report.provenance import version_text
-from rfca_rig.report.table import Column, Row, Table
+from rfca_rig.report.table import Table, TableColumn, TableRow
 from rfca_rig.report.table_files import as_csv as table_as_csv
 
 FORMAT = "rfca-exam/1"
@@ -32,8 +32,8 @@ def write_exam(exam: Examined, out: Path) -> None:
 
 def as_csv(exam: Examined) -> str:
     """A line for each case; several effects are joined by +, and the probability is that of the least sure name."""
-    rows = tuple(Row(dict(zip(HEADER, _line(case), strict=True))) for case in exam.cases)
-    return table_as_csv(Table("exam", "", tuple(Column(name) for name in HEADER), rows))
+    rows = tuple(TableRow(dict(zip(HEADER, _line(case), strict=True))) for case in exam.cases)
+    return table_as_csv(Table("exam", "", tuple(TableColumn(name) for name in HEADER), rows))
 
 
 def _line(case: MarkedCase) -> list[str]:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from rfca_rig.exam import cases
-from rfca_rig.exam.claims import Calibration
+from rfca_rig.exam.claims import ClaimCalibration
 from rfca_rig.exam.outcome import CLASS, EXTRA, RIGHT, WRONG
 from rfca_rig.exam.score import Share
 from rfca_rig.exam.scored import Deviation, MarkedCase
@@ -29,7 +29,7 @@ PARTS = (
 )
 
 
-def reliability(found: Calibration) -> str:
+def reliability(found: ClaimCalibration) -> str:
     """Share of claims that are right against the probability that was stated, with 90 % bounds; how many claims stand above."""
     return _drawn(lambda axes: _reliability(axes, found), HEIGHT_IN, "share of claims that are right against the stated probability")
 
@@ -63,7 +63,7 @@ def _drawn(draw: Callable[[Axes], None], height_in: float, label: str, left_in: 
         return inline_svg(figure, label, escape(label, quote=True))
 
 
-def _reliability(axes: Axes, found: Calibration) -> None:
+def _reliability(axes: Axes, found: ClaimCalibration) -> None:
     axes.plot([0.0, 1.0], [0.0, 1.0], color=FAINT, lw=0.7, ls=(0, (3, 2)), zorder=0)
     for count, mean, right in found.bins:
         if count:

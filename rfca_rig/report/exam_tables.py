@@ -8,21 +8,21 @@ from rfca_rig.exam.bars import Bar
 from rfca_rig.exam.follow_up import Way
 from rfca_rig.exam.scored import MarkedCase
 from rfca_rig.report.exam_matrix import matrix_of
-from rfca_rig.report.table import Column, Row, Table, Value
+from rfca_rig.report.table import Table, TableColumn, TableRow, Value
 
 PASSED = {True: "passed", False: "failed", None: "no case"}
 
 
 def bars_table(all_bars: Sequence[Bar]) -> Table:
     """Each bar with its goal, what was reached, the counts, and how bad it may still be with 95 % confidence."""
-    rows = tuple(Row(_bar(bar), marked=bar.passed is False) for bar in all_bars)
+    rows = tuple(TableRow(_bar(bar), marked=bar.passed is False) for bar in all_bars)
     columns = (
-        Column("mark", "Mark"),
-        Column("goal", "Goal"),
-        Column("reached", "Reached", set_value=True),
-        Column("counts", "Counts"),
-        Column("bound_95", "With 95 % confidence", set_value=True),
-        Column("passed", "Passed"),
+        TableColumn("mark", "Mark"),
+        TableColumn("goal", "Goal"),
+        TableColumn("reached", "Reached", set_value=True),
+        TableColumn("counts", "Counts"),
+        TableColumn("bound_95", "With 95 % confidence", set_value=True),
+        TableColumn("passed", "Passed"),
     )
     return Table("bars", "Shares of cases; the last bound is how bad the share may still be on cases that were not drawn.", columns, rows)
 
@@ -36,8 +36,12 @@ def _bar(bar: Bar) -> dict[str, Value]:
 
 def ways_table(ways: Sequence[Way]) -> Table:
     """Experiments that were proposed in open cases, against others."""
-    rows = tuple(Row({"arm": way.arm, "settled": f"{way.settled} of {way.of}", "experiments": way.experiments}) for way in ways)
-    columns = (Column("arm", "Next experiments"), Column("settled", "Settled"), Column("experiments", "Experiments on average", digits=2))
+    rows = tuple(TableRow({"arm": way.arm, "settled": f"{way.settled} of {way.of}", "experiments": way.experiments}) for way in ways)
+    columns = (
+        TableColumn("arm", "Next experiments"),
+        TableColumn("settled", "Settled"),
+        TableColumn("experiments", "Experiments on average", digits=2),
+    )
     caption = (
         "Cases of too few recordings that conceal nothing or something that can be seen. Settled: the right verdict with nothing as likely "
         "beside it, within four experiments; four are counted where it was not."
@@ -47,9 +51,9 @@ def ways_table(ways: Sequence[Way]) -> Table:
 
 def taken_out_table(found: TakenOut) -> Table:
     """The effects that were called something else when they were not in the catalogue."""
-    columns = (Column("concealed", "Concealed"), Column("named", "Named"), Column("probability", "Probability", digits=3))
+    columns = (TableColumn("concealed", "Concealed"), TableColumn("named", "Named"), TableColumn("probability", "Probability", digits=3))
     caption = f"{found.words[0].upper()}{found.words[1:]}."
-    return Table("taken-out", caption, columns, tuple(Row(_named_instead(each)) for each in found.named))
+    return Table("taken-out", caption, columns, tuple(TableRow(_named_instead(each)) for each in found.named))
 
 
 def _named_instead(each: Named) -> dict[str, Value]:
@@ -61,12 +65,12 @@ def confusion_table(marked: Sequence[MarkedCase]) -> Table:
     """What is concealed against what was named; numbers of cases, none where nobody was."""
     matrix = matrix_of(marked)
     names = (*matrix.names, *matrix.verdicts)
-    columns = tuple(Column(name.replace(" ", "_"), name.replace("_", " "), upright=True) for name in names)
+    columns = tuple(TableColumn(name.replace(" ", "_"), name.replace("_", " "), upright=True) for name in names)
     rows = tuple(
-        Row({"kind": kind, "concealed": row.concealed.replace("_", " "),
+        TableRow({"kind": kind, "concealed": row.concealed.replace("_", " "),
              **{column.key: cell.count if cell else None for column, cell in zip(columns, row.cells, strict=True)}})
         for kind, of_kind in matrix.kinds
         for row in of_kind
     )  # fmt: skip
     caption = "Numbers of cases: rows are what is concealed, columns what was named, the last of them answers without a name."
-    return Table("confusion", caption, (Column("kind", role="group"), Column("concealed", "Concealed"), *columns), rows)
+    return Table("confusion", caption, (TableColumn("kind", role="group"), TableColumn("concealed", "Concealed"), *columns), rows)

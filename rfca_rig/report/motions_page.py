@@ -15,14 +15,14 @@ from rfca_rig.diagnosis.mechanisms.comparison import MechanismComparison
 from rfca_rig.diagnosis.mechanisms.fit import MECHANISM_FIT
 from rfca_rig.diagnosis.pendulums.fit import PENDULUM_FIT
 from rfca_rig.diagnosis.pendulums.windows import WINDOW_S
-from rfca_rig.diagnosis.result import Overlay
+from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
 from rfca_rig.report.diagnosis_pictures import Picture, pictures_of
 from rfca_rig.report.files import table_files, write_all
 from rfca_rig.report.named_units import words_and_unit
 from rfca_rig.report.provenance import Origin
 from rfca_rig.report.residual_pictures import draw_joint_remainders, draw_signal_residuals
-from rfca_rig.report.table import Column, Foot, Row, Table
+from rfca_rig.report.table import Foot, Table, TableColumn, TableRow
 from rfca_rig.report.table_files import as_csv
 from rfca_rig.report.templates import template
 from rfca_rig.report.text import MINUS
@@ -33,20 +33,20 @@ ACROSS = 2
 
 ERRORS = "Rms error"
 ALWAYS = (
-    Column("run", "Recording"),
-    Column("signal", "Signal"),
-    Column("unit", "Unit"),
-    Column("noise", "Noise", over=ERRORS),
-    Column("nominal", "Nominal values", over=ERRORS),
+    TableColumn("run", "Recording"),
+    TableColumn("signal", "Signal"),
+    TableColumn("unit", "Unit"),
+    TableColumn("noise", "Noise", over=ERRORS),
+    TableColumn("nominal", "Nominal values", over=ERRORS),
 )
-OF_FIT = (Column("fitted", "Fitted values", over=ERRORS), Column("held_out", "Held-out", over=ERRORS))
+OF_FIT = (TableColumn("fitted", "Fitted values", over=ERRORS), TableColumn("held_out", "Held-out", over=ERRORS))
 SHIFTS = (
-    Column("name", "Value"),
-    Column("prior_std", "Prior standard deviation", digits=5),
-    Column("value", "Shift from nominal", half="std"),
-    Column("std", role="kept"),
+    TableColumn("name", "Value"),
+    TableColumn("prior_std", "Prior standard deviation", digits=5),
+    TableColumn("value", "Shift from nominal", half="std"),
+    TableColumn("std", role="kept"),
 )
-SIGNALS = tuple(Column(key) for key in ("run", "signal", "t_s", "measured", "nominal", "fitted"))
+SIGNALS = tuple(TableColumn(key) for key in ("run", "signal", "t_s", "measured", "nominal", "fitted"))
 
 
 @dataclass(frozen=True)
@@ -149,9 +149,9 @@ def _errors(error: SignalError) -> dict[str, float | None]:
     return {"noise": error.noise, "nominal": error.nominal, "fitted": error.fitted, "held_out": error.held_out}
 
 
-def _error_row(error: SignalError) -> Row:
+def _error_row(error: SignalError) -> TableRow:
     words, unit = words_and_unit(error.signal)
-    return Row({"run": error.run, "signal": words, "unit": unit, **_errors(error)}, digits=5)
+    return TableRow({"run": error.run, "signal": words, "unit": unit, **_errors(error)}, digits=5)
 
 
 def _shift_table(report: MotionsReport, fit: WindowFit) -> Table:
@@ -159,21 +159,21 @@ def _shift_table(report: MotionsReport, fit: WindowFit) -> Table:
     strained = [abs(shift.value) > STRAINED * shift.prior_std for shift in fit.shifts]
     if any(strained):
         caption += f" Bold: more than {STRAINED:g} prior standard deviations, so that the model probably lacks an effect."
-    rows = tuple(Row(dict(shift.__dict__), marked=is_far) for shift, is_far in zip(fit.shifts, strained, strict=True))
+    rows = tuple(TableRow(dict(shift.__dict__), marked=is_far) for shift, is_far in zip(fit.shifts, strained, strict=True))
     return Table(f"{report.stem}-values", caption, SHIFTS, rows)
 
 
 def _signal_table(report: MotionsReport, fit: WindowFit) -> Table:
     """All that is drawn, means over bins."""
     rows = [
-        Row(dict(zip(("run", "signal", "t_s", "measured", "nominal", "fitted"), (one.condition, one.signal, *values), strict=True)))
+        TableRow(dict(zip(("run", "signal", "t_s", "measured", "nominal", "fitted"), (one.condition, one.signal, *values), strict=True)))
         for one in fit.overlays
         for values in zip(*(part.tolist() for part in (one.t_s, one.measured, one.before, one.after)), strict=True)
     ]
     return Table(f"{report.stem}-signals", "", SIGNALS, tuple(rows))
 
 
-def _worst(fit: WindowFit) -> Iterator[Overlay]:
+def _worst(fit: WindowFit) -> Iterator[SignalOverlay]:
     """The signals of the recordings that the model misses most, in their order; without a fit nothing is drawn as fitted."""
     usual = {total.signal: total.fitted for total in fit.totals}
     misses: dict[str, float] = {}

@@ -29,7 +29,7 @@ BEFORE_VALLEY_S = 0.01  # half the width of a valley's parabola
 
 
 @dataclass(frozen=True)
-class Overlay:
+class OverlayDrawing:
     """The drawing as inline SVG, with what its caption has to say of its scales."""
 
     svg: str
@@ -39,7 +39,7 @@ class Overlay:
     regions: tuple[StrokeRegion, ...]
 
 
-def draw_overlay(compared: ComparedCondition, salt: str) -> Overlay:
+def draw_overlay(compared: ComparedCondition, salt: str) -> OverlayDrawing:
     """Measured strokes thin and dark, simulated broad and light, valleys and the regions I to III marked; residual in its own axes.
 
     The residual's scale covers everything up to the first valley, measured or simulated: where one stroke has let go and the other not,
@@ -57,7 +57,7 @@ def draw_overlay(compared: ComparedCondition, salt: str) -> Overlay:
             axes.set_xlim(-REST_DRAWN_S, end_s)
         low, high = force.get_ylim()
         svg = inline_svg(figure, salt, f"fz over time at {compared.condition.label}, measured and simulated, with the residual below")
-    return Overlay(svg, high - low, limit_N, beyond_N, compared.mean_phases().regions(end_s))
+    return OverlayDrawing(svg, high - low, limit_N, beyond_N, compared.mean_phases().regions(end_s))
 
 
 def _draw_force(axes: Axes, compared: ComparedCondition, end_s: float, columns: int) -> None:

@@ -18,13 +18,13 @@ class Origin:
     """`command` as it is to be typed, "" where no command made the page; `again` says what of the page it brings."""
 
     command: str = ""
-    recordings: tuple["Recorded", ...] = ()
+    recordings: tuple["RecordingSource", ...] = ()
     version: str = __version__
     again: str = "to the same bytes"
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordingSource:
     """One recording: SIM, REAL or IMPORT, where it was found, and a hash of what it is made of."""
 
     mark: str
@@ -35,7 +35,7 @@ class Recorded:
 
 
 @dataclass(frozen=True)
-class Link:
+class PageLink:
     """A page that stands beside this one."""
 
     file: str
@@ -50,7 +50,7 @@ class Told:
     """
 
     origin: Origin
-    links: tuple[Link, ...] = ()
+    links: tuple[PageLink, ...] = ()
     model_file: str | None = None
 
 
@@ -73,7 +73,7 @@ def shown_path(path: PurePath) -> str:
 def origin_of(command: str, paths: Sequence[Path], recordings: Sequence[Recording]) -> Origin:
     """Of a page about the recordings that were found at the paths, and of more that were recorded meanwhile. Raises OSError."""
     found = tuple(_recorded(path, recording.source, recording.title) for path, recording in zip(paths, recordings, strict=False))
-    later = tuple(Recorded(recording.source, recording.title) for recording in recordings[len(paths) :])
+    later = tuple(RecordingSource(recording.source, recording.title) for recording in recordings[len(paths) :])
     return Origin(command, (*found, *later), version_text())
 
 
@@ -84,7 +84,7 @@ def imported(command: str, path: Path, title: str) -> Origin:
 
 def untold(recordings: Sequence[Recording]) -> Origin:
     """Of recordings that were not read from anywhere."""
-    return Origin("", tuple(Recorded(recording.source, recording.title) for recording in recordings))
+    return Origin("", tuple(RecordingSource(recording.source, recording.title) for recording in recordings))
 
 
 def version_text() -> str:
@@ -96,6 +96,6 @@ def version_text() -> str:
     return f"{__version__}, git {revision[:12]}{', changed since' if state['git_dirty'] == 'yes' else ''}"
 
 
-def _recorded(path: Path, mark: str, title: str) -> Recorded:
+def _recorded(path: Path, mark: str, title: str) -> RecordingSource:
     known = fingerprint(path)
-    return Recorded(mark, title, shown_path(path), known.of, known.sha256)
+    return RecordingSource(mark, title, shown_path(path), known.of, known.sha256)

@@ -26,7 +26,7 @@ SECTIONS = ("leg", "ground", "sensor", "drive")
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ParameterLine:
     """One line of a table of parameters."""
 
     section: str
@@ -35,7 +35,7 @@ class Quantity:
     unit: str
 
 
-def quantities_of(rig: RigModel) -> list[Quantity]:
+def quantities_of(rig: RigModel) -> list[ParameterLine]:
     """Every parameter of the model that has a value and is not switched off, section by section; new ones appear by themselves."""
     sections = [
         _quantity(section, parameter.name, value)
@@ -48,15 +48,15 @@ def quantities_of(rig: RigModel) -> list[Quantity]:
     return sections + effects + tables
 
 
-def _of_table(table: LawTable) -> Quantity:
+def _of_table(table: LawTable) -> ParameterLine:
     values = f"{len(table.values)} values, {min(table.values):.4g} to {max(table.values):.4g}"
-    return Quantity("effect", f"tabulated_law of {table.argument} at {table.place}", values, kind_of(table.place, table.argument).unit)
+    return ParameterLine("effect", f"tabulated_law of {table.argument} at {table.place}", values, kind_of(table.place, table.argument).unit)
 
 
-def _quantity(section: str, name: str, value: Any) -> Quantity:
+def _quantity(section: str, name: str, value: Any) -> ParameterLine:
     ending = next((ending for ending in UNITS if name.endswith(ending)), "")
     unit, factor = UNITS.get(ending, ("", 1.0))
-    return Quantity(section, name.removesuffix(ending).replace("_", " "), _number(value, factor), unit)
+    return ParameterLine(section, name.removesuffix(ending).replace("_", " "), _number(value, factor), unit)
 
 
 def _number(value: Any, factor: float) -> str:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.mechanisms.comparison import JointRemainder
-from rfca_rig.diagnosis.result import Overlay
+from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.report.diagnosis_pictures import Picture
 from rfca_rig.report.inline_svg import inline_svg
 from rfca_rig.report.named_units import shown, words_and_unit
@@ -33,7 +33,7 @@ class _Series:
     residual: Floats
 
 
-def draw_signal_residuals(overlays: Sequence[Overlay], with_fit: bool) -> list[Picture]:
+def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> list[Picture]:
     """A picture for each position and each speed: measured less nominal, and where `with_fit` less fitted."""
     states = {(one.condition, one.signal): one for one in overlays}
     found = []
@@ -64,7 +64,7 @@ def _split(signal: str) -> tuple[str, str]:
     return "", ""
 
 
-def _speed_of(position: Overlay) -> Floats:
+def _speed_of(position: SignalOverlay) -> Floats:
     """From means of bins, where no speed was recorded."""
     return np.asarray(np.gradient(position.measured, position.t_s))
 

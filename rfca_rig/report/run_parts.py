@@ -30,7 +30,7 @@ LIMITS = "limits."  # as changes of the rig file are named
 
 
 @dataclass(frozen=True)
-class Trace:
+class ForceTrace:
     """fz over the time from the commanded start, both (m,)."""
 
     t_s: Floats
@@ -38,7 +38,7 @@ class Trace:
 
 
 @dataclass(frozen=True)
-class Begun:
+class PartBeginning:
     """When a part began: its place among the events, the rig's clock, and the limits in force then, by name."""
 
     place: int
@@ -47,7 +47,7 @@ class Begun:
 
 
 @dataclass(frozen=True)
-class Part:
+class RunPart:
     """One thing that was recorded; `ended` says why it was cut short, "" for a whole one. `begun` is None where no event tells.
 
     `peak` is over the axes that were recorded; it and `expected` are None where nobody knows. `count` is of cycles, else 1.
@@ -56,13 +56,13 @@ class Part:
     kind: Kind
     label: str
     condition: str
-    begun: Begun | None
+    begun: PartBeginning | None
     samples: int
     peak: Load | None
     expected: Load | None
     ended: str = ""
     count: int = 1
-    trace: Trace | None = None
+    trace: ForceTrace | None = None
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class RunStory:
     limits: Mapping[str, float]
     last_limits: Mapping[str, float]
     events: tuple[Mapping[str, Any], ...]
-    parts: tuple[Part, ...]
+    parts: tuple[RunPart, ...]
 
 
 def story_of(recording: Recording) -> RunStory:
@@ -91,12 +91,14 @@ def story_of(recording: Recording) -> RunStory:
     return RunStory(recording, plan, rig, limits, last_limits, events, tuple(parts))
 
 
-def _beginnings(events: Sequence[Mapping[str, Any]], limits: Mapping[str, float]) -> tuple[dict[str, list[Begun]], Mapping[str, float]]:
+def _beginnings(
+    events: Sequence[Mapping[str, Any]], limits: Mapping[str, float]
+) -> tuple[dict[str, list[PartBeginning]], Mapping[str, float]]:
     """Of each label, for a stage that was cut short may have been done again; and the limits in the end."""
-    begun: dict[str, list[Begun]] = defaultdict(list)
+    begun: dict[str, list[PartBeginning]] = defaultdict(list)
     for place, event in enumerate(events):
         if event["event"] == "stage begins":
-            begun[event["stage"]].append(Begun(place, event["t_s"], limits))
+            begun[event["stage"]].append(PartBeginning(place, event["t_s"], limits))
         changed = {name.removeprefix(LIMITS): value for name, value in event.get("rig_changes", {}).items() if name.startswith(LIMITS)}
         limits = {**limits, **{name: float(value) for name, value in changed.items() if name in limits}}
     return begun, limits
@@ -171,7 +173,7 @@ def _turning(label: str) -> str:
     return label.partition(", ")[2]
 
 
-def _parts(recording: Recording, expected: _Expected, begun: Mapping[str, list[Begun]]) -> Iterator[Part]:
+def _parts(recording: Recording, expected: _Expected, begun: Mapping[str, list[PartBeginning]]) -> Iterator[RunPart]:
     """Each label's beginnings are used up in their order."""
     whole = {stage.label: stage for stage in recording.raw if not stage.cut_short}
     for cut in (stage for stage in recording.raw if stage.cut_short):
@@ -187,7 +189,7 @@ def _parts(recording: Recording, expected: _Expected, begun: Mapping[str, list[B
         yield _static(static, raw, expected, _next(begun, raw.label) if raw else None)
 
 
-def _next(begun: Mapping[str, list[Begun]], label: str) -> Begun | None:
+def _next(begun: Mapping[str, list[PartBeginning]], label: str) -> PartBeginning | None:
     return begun[label].pop(0) if begun.get(label) else None
 
 
@@ -195,36 +197,36 @@ def _condition(height_m: float, speed_rad_s: float) -> str:
     return f"{1e3 * height_m:g} mm, {speed_rad_s:g} rad/s"
 
 
-def _stroke(stroke: Stroke, label: str, expected: _Expected, begun: Begun | None) -> Part:
+def _stroke(stroke: Stroke, label: str, expected: _Expected, begun: PartBeginning | None) -> RunPart:
     condition = _condition(stroke.height_m, stroke.speed_rad_s)
     fz = stroke.channel("fz_N")
-    trace = Trace(*fz) if fz is not None and len(fz[0]) else None
+    trace = ForceTrace(*fz) if fz is not None and len(fz[0]) else None
     loads = _peak(stroke.streams), expected.of_stroke(label, stroke)
-    return Part("stroke", label, condition, begun, _samples(stroke.streams), *loads, trace=trace)
+    return RunPart("stroke", label, condition, begun, _samples(stroke.streams), *loads, trace=trace)
 
 
-def _static(stage: StaticStage, raw: RawStage | None, expected: _Expected, begun: Begun | None) -> Part:
+def _static(stage: StaticStage, raw: RawStage | None, expected: _Expected, begun: PartBeginning | None) -> RunPart:
     condition = f"{1e3 * stage.height_m:g} mm"
     if raw is None:
         angle = f"{np.degrees(stage.shaft_angle_rad):.1f} deg"
         label = f"hold {stage.stage} at {angle}, {1e3 * stage.height_m:.0f} mm, {stage.direction}"
-        return Part("static stage", label, condition, None, 0, None, None)
+        return RunPart("static stage", label, condition, None, 0, None, None)
     loads = _peak(raw.streams), expected.of(raw.label)
-    return Part("static stage", raw.label, condition, begun, _samples(raw.streams), *loads)
+    return RunPart("static stage", raw.label, condition, begun, _samples(raw.streams), *loads)
 
 
-def _cycles(stage: RawStage, expected: _Expected, begun: Begun | None) -> Part:
+def _cycles(stage: RawStage, expected: _Expected, begun: PartBeginning | None) -> RunPart:
     count = len(stage.streams[CYCLES].t_s)
     loads = _peak(stage.streams), expected.of(stage.label)
-    return Part("cycles", stage.label, _turning(stage.label), begun, count, *loads, count=count)
+    return RunPart("cycles", stage.label, _turning(stage.label), begun, count, *loads, count=count)
 
 
-def _cut_short(stage: RawStage, expected: _Expected, begun: Begun | None) -> Part:
-    trace = next((Trace(s.t_s, s.columns["fz_N"].values) for s in stage.streams.values() if "fz_N" in s.columns and len(s.t_s)), None)
+def _cut_short(stage: RawStage, expected: _Expected, begun: PartBeginning | None) -> RunPart:
+    trace = next((ForceTrace(s.t_s, s.columns["fz_N"].values) for s in stage.streams.values() if "fz_N" in s.columns and len(s.t_s)), None)
     count = len(stage.streams[CYCLES].t_s) if CYCLES in stage.streams else 1
     condition = f"{1e3 * stage.height_m:g} mm"
     loads = _peak(stage.streams), expected.of(stage.label)
-    return Part("cut short", stage.label, condition, begun, _samples(stage.streams), *loads, stage.cut_short, count, trace)
+    return RunPart("cut short", stage.label, condition, begun, _samples(stage.streams), *loads, stage.cut_short, count, trace)
 
 
 def _samples(streams: Mapping[str, Stream]) -> int:

@@ -18,7 +18,7 @@ from rfca_rig.recording.cycle_table import cycle_table
 from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.report.envelope import envelope
 from rfca_rig.report.inline_svg import inline_svg
-from rfca_rig.report.run_parts import Part, RunStory
+from rfca_rig.report.run_parts import RunPart, RunStory
 from rfca_rig.report.small_multiples import mark_axes, panels_of, title
 from rfca_rig.report.style import BAD, FAINT, MEASURED, PAPER, SIMULATED, drawing
 from rfca_rig.report.table import Table
@@ -38,7 +38,7 @@ DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = ("-", (0, (4.0, 2.0)),
 FORCES = {"fy_N": "fy (N)", "fz_N": "fz (N)", "tx_Nm": "tx (N m)"}
 
 
-def traced(parts: Sequence[Part]) -> list[Part]:
+def traced(parts: Sequence[RunPart]) -> list[RunPart]:
     """Those with a trace; of too many the ones cut short and others evenly over the run."""
     with_trace = [part for part in parts if part.trace is not None]
     if len(with_trace) <= MOST_TRACES:
@@ -47,7 +47,7 @@ def traced(parts: Sequence[Part]) -> list[Part]:
     return [part for place, part in enumerate(with_trace) if place in evenly or part.ended]
 
 
-def traces(parts: Sequence[Part], rig: RigModel | None) -> str:
+def traces(parts: Sequence[RunPart], rig: RigModel | None) -> str:
     """fz over time, each stroke in a panel of its own over what the model expects of it as commanded."""
     label = f"fz over time of {len(parts)} strokes, measured and expected"
     across = min(ACROSS, max(len(parts), 3))
@@ -59,7 +59,7 @@ def traces(parts: Sequence[Part], rig: RigModel | None) -> str:
         return inline_svg(figure, "traces", escape(label, quote=True))
 
 
-def _trace(axes: Axes, part: Part, rig: RigModel | None) -> None:
+def _trace(axes: Axes, part: RunPart, rig: RigModel | None) -> None:
     trace = part.trace
     assert trace is not None
     condition = _height_and_speed(part.label)

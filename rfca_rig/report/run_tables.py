@@ -10,8 +10,8 @@ from rfca_rig.protocol.cycles import Cycles, StiffnessCheck, cycles_in
 from rfca_rig.protocol.plan import Flap
 from rfca_rig.recording.model import Recording
 from rfca_rig.report.clock_drift import clock_drifts
-from rfca_rig.report.run_parts import Part, RunStory
-from rfca_rig.report.table import Column, Row, Table, Value
+from rfca_rig.report.run_parts import RunPart, RunStory
+from rfca_rig.report.table import Table, TableColumn, TableRow, Value
 
 MOST_ROWS = 60  # on the page; the CSV holds all
 ORDINARY = ("stage begins", "stage recorded", "clocks", "tare", "cycles counted", "run ends")
@@ -19,31 +19,31 @@ TOLD = ("event", "t_s", "utc", "ending", "stopped_at", "sha256", "worst_loop_gap
 STDS_95 = 1.96
 
 LOADS = (
-    Column("peak_force_N", "peak", digits=1, over="Force"),
-    Column("expected_force_N", "expected", digits=1, over="Force"),
-    Column("force_of_limit_pct", "of limit", digits=0, over="Force"),
-    Column("peak_moment_Nm", "peak", digits=2, over="Moment"),
-    Column("expected_moment_Nm", "expected", digits=2, over="Moment"),
-    Column("moment_of_limit_pct", "of limit", digits=0, over="Moment"),
+    TableColumn("peak_force_N", "peak", digits=1, over="Force"),
+    TableColumn("expected_force_N", "expected", digits=1, over="Force"),
+    TableColumn("force_of_limit_pct", "of limit", digits=0, over="Force"),
+    TableColumn("peak_moment_Nm", "peak", digits=2, over="Moment"),
+    TableColumn("expected_moment_Nm", "expected", digits=2, over="Moment"),
+    TableColumn("moment_of_limit_pct", "of limit", digits=0, over="Moment"),
 )
 
 
 def stages_table(story: RunStory) -> Table:
     """A row for each part, cut short or whole."""
     columns = (
-        Column("begun_s", "Begins", digits=1),
-        Column("stage", "Stage"),
-        Column("kind", role="kept"),
-        Column("condition", role="kept"),
-        Column("samples", "Samples"),
+        TableColumn("begun_s", "Begins", digits=1),
+        TableColumn("stage", "Stage"),
+        TableColumn("kind", role="kept"),
+        TableColumn("condition", role="kept"),
+        TableColumn("samples", "Samples"),
         *LOADS,
-        Column("cut_short", role="note"),
+        TableColumn("cut_short", role="note"),
     )
-    rows = tuple(Row(_stage(part), marked=bool(part.ended)) for part in story.parts)
+    rows = tuple(TableRow(_stage(part), marked=bool(part.ended)) for part in story.parts)
     return Table("stages", f"Every part once (n = 1). {loads_sentence(story)}", columns, rows)
 
 
-def _stage(part: Part) -> dict[str, Value]:
+def _stage(part: RunPart) -> dict[str, Value]:
     return {
         "begun_s": part.begun.t_s if part.begun else None,
         "stage": part.label,
@@ -69,7 +69,7 @@ def loads_sentence(story: RunStory) -> str:
     return f"{said}. Limits {limits['force_N']:g} N and {limits['torque_Nm']:g} N m{changed}."
 
 
-def _loads(part: Part) -> dict[str, Value]:
+def _loads(part: RunPart) -> dict[str, Value]:
     """With the limits in force when the part began."""
     peak, expected, limits = part.peak, part.expected, part.begun.limits if part.begun else {}
     force, torque = limits.get("force_N"), limits.get("torque_Nm")
@@ -90,14 +90,14 @@ def done_table(story: RunStory) -> Table:
     kinds = {key: [part for part in done if _key(part) == key] for key in dict.fromkeys([*planned, *(_key(part) for part in done)])}
     rows = tuple(_done_row(key, planned.get(key), parts) for key, parts in kinds.items())
     columns = (
-        Column("kind", "What"),
-        Column("condition", "Condition"),
-        *((Column("planned", "Planned"),) if planned else ()),
-        Column("done", "Done"),
-        Column("mean_peak_force_N", "mean", digits=2, half="std_peak_force_N", over="Peak force"),
-        Column("std_peak_force_N", role="kept"),
-        Column("largest_peak_force_N", "largest", digits=1, over="Peak force"),
-        Column("expected_force_N", "expected", digits=1, over="Peak force"),
+        TableColumn("kind", "What"),
+        TableColumn("condition", "Condition"),
+        *((TableColumn("planned", "Planned"),) if planned else ()),
+        TableColumn("done", "Done"),
+        TableColumn("mean_peak_force_N", "mean", digits=2, half="std_peak_force_N", over="Peak force"),
+        TableColumn("std_peak_force_N", role="kept"),
+        TableColumn("largest_peak_force_N", "largest", digits=1, over="Peak force"),
+        TableColumn("expected_force_N", "expected", digits=1, over="Peak force"),
     )
     caption = (
         "Peaks of all axes: mean ± one standard deviation (n - 1) over what was done; of static stages, whose angles differ, the largest."
@@ -105,7 +105,7 @@ def done_table(story: RunStory) -> Table:
     return Table("conditions", caption, columns, rows)
 
 
-def _key(part: Part) -> tuple[str, str]:
+def _key(part: RunPart) -> tuple[str, str]:
     kind = "cycles" if part.kind == "cut short" else part.kind
     return kind, part.condition if part.kind != "cut short" else part.label.partition(", ")[2]
 
@@ -122,7 +122,7 @@ def _planned(story: RunStory) -> dict[tuple[str, str], int]:
     return counts
 
 
-def _done_row(key: tuple[str, str], planned: int | None, parts: Sequence[Part]) -> Row:
+def _done_row(key: tuple[str, str], planned: int | None, parts: Sequence[RunPart]) -> TableRow:
     peaks = [part.peak.force_N for part in parts if part.peak is not None]
     count = sum(part.count for part in parts)
     values: dict[str, Value] = {"kind": key[0], "condition": key[1], "planned": planned, "done": count}
@@ -131,21 +131,21 @@ def _done_row(key: tuple[str, str], planned: int | None, parts: Sequence[Part]) 
     if peaks and key[0] != "static stage":
         std = float(np.std(peaks, ddof=1)) if len(peaks) > 1 else None
         values |= {"mean_peak_force_N": float(np.mean(peaks)), "std_peak_force_N": std}
-    return Row(values, marked=planned is not None and count < planned)
+    return TableRow(values, marked=planned is not None and count < planned)
 
 
 def clocks_table(recording: Recording) -> Table:
     """Each device's clock against the host's."""
     rows = tuple(
-        Row({"device": d.device, "drift_ppm": d.ppm, "half_ppm": d.half_ppm, "span_s": d.span_s, "blocks": d.blocks})
+        TableRow({"device": d.device, "drift_ppm": d.ppm, "half_ppm": d.half_ppm, "span_s": d.span_s, "blocks": d.blocks})
         for d in clock_drifts(recording)
     )
     columns = (
-        Column("device", "Device"),
-        Column("drift_ppm", "Gains on the host", digits=1, half="half_ppm"),
-        Column("half_ppm", role="kept"),
-        Column("span_s", "Over", digits=1),
-        Column("blocks", "Blocks"),
+        TableColumn("device", "Device"),
+        TableColumn("drift_ppm", "Gains on the host", digits=1, half="half_ppm"),
+        TableColumn("half_ppm", role="kept"),
+        TableColumn("span_s", "Over", digits=1),
+        TableColumn("blocks", "Blocks"),
     )
     caption = (
         "Slope of device time over host time, from the sample of every quarter of a second that was under way shortest; ± is the most that "
@@ -156,8 +156,8 @@ def clocks_table(recording: Recording) -> Table:
 
 def events_table(events: Sequence[Mapping[str, Any]]) -> Table:
     """What happened besides the ordinary."""
-    rows = tuple(Row(_event(event)) for event in events if event["event"] not in ORDINARY)
-    columns = (Column("t_s", "At", digits=2), Column("event", "Event"), Column("about", "What of it"))
+    rows = tuple(TableRow(_event(event)) for event in events if event["event"] not in ORDINARY)
+    columns = (TableColumn("t_s", "At", digits=2), TableColumn("event", "Event"), TableColumn("about", "What of it"))
     return Table("events", "By the rig's clock, which begins with the run.", columns, rows[:MOST_ROWS])
 
 
@@ -179,7 +179,7 @@ def checks_table(story: RunStory) -> Table:
     before = _cycles_before(story)
     drifts = [(check, stiffness_drift(story.recording.static, check.holds, check.number)) for check in checks if check.number > 1]
     rows = tuple(
-        Row(
+        TableRow(
             {"check": check.number, "cycles": before.get(check.number), "drift_pct": 100.0 * drift.relative,
              "half_pct": 100.0 * STDS_95 * drift.std, "limit_pct": 100.0 * check.drift_limit},
             marked=abs(drift.relative) > check.drift_limit,
@@ -188,11 +188,11 @@ def checks_table(story: RunStory) -> Table:
         if drift is not None
     )  # fmt: skip
     columns = (
-        Column("check", "Check"),
-        Column("cycles", "Cycles before it"),
-        Column("drift_pct", "Drift of the forces", half="half_pct"),
-        Column("half_pct", role="kept"),
-        Column("limit_pct", "Limit ±", set_value=True),
+        TableColumn("check", "Check"),
+        TableColumn("cycles", "Cycles before it"),
+        TableColumn("drift_pct", "Drift of the forces", half="half_pct"),
+        TableColumn("half_pct", role="kept"),
+        TableColumn("limit_pct", "Limit ±", set_value=True),
     )
     caption = (
         "Change of the forces at the same shaft angles since the first check, ± half of a 95 % interval from what one factor leaves over."

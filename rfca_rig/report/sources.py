@@ -7,7 +7,7 @@ from rfca_rig.analysis.compare import ComparedCondition, compare_condition
 from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.peak_force import PeakForceRow, peak_row_of
 from rfca_rig.analysis.repeats import conditions_of
-from rfca_rig.analysis.table2 import Row, row_of
+from rfca_rig.analysis.table2 import Table2Row, row_of
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.progress import Watcher, counted, unwatched
@@ -35,7 +35,7 @@ class ComparedSource:
     compared: tuple[ComparedCondition, ...]
 
     @property
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[Table2Row, ...]:
         return tuple(row_of(compared, self.name) for compared in self.compared)
 
     @property

@@ -5,28 +5,28 @@ from collections.abc import Sequence
 import numpy as np
 
 from rfca_rig.recording.model import StaticStage
-from rfca_rig.report.table import Column, Row, Table, Value
+from rfca_rig.report.table import Table, TableColumn, TableRow, Value
 
 MEANS = ("shaft_angle_rad", "fy_N", "fz_N", "tx_Nm")
-STAGE = (Column("height_mm", "Height", set_value=True), Column("stage", "Stage"), Column("direction", "Direction"))
+STAGE = (TableColumn("height_mm", "Height", set_value=True), TableColumn("stage", "Stage"), TableColumn("direction", "Direction"))
 READINGS = (
-    Column("shaft_angle_deg", "Shaft", digits=2),
-    Column("fy_N", "fy", digits=2, half="fy_std_N"),
-    Column("fy_std_N", role="kept"),
-    Column("fz_N", "fz", digits=2, half="fz_std_N"),
-    Column("fz_std_N", role="kept"),
-    Column("tx_Nm", "tx", digits=3, half="tx_std_Nm"),
-    Column("tx_std_Nm", role="kept"),
-    Column("settled", "Settled"),
+    TableColumn("shaft_angle_deg", "Shaft", digits=2),
+    TableColumn("fy_N", "fy", digits=2, half="fy_std_N"),
+    TableColumn("fy_std_N", role="kept"),
+    TableColumn("fz_N", "fz", digits=2, half="fz_std_N"),
+    TableColumn("fz_std_N", role="kept"),
+    TableColumn("tx_Nm", "tx", digits=3, half="tx_std_Nm"),
+    TableColumn("tx_std_Nm", role="kept"),
+    TableColumn("settled", "Settled"),
 )
-BEND = Column("bend_deg", "Bend", digits=1)
+BEND = TableColumn("bend_deg", "Bend", digits=1)
 
 
 def stage_tables(name: str, stages: Sequence[StaticStage]) -> list[Table]:
     """Readings, and hinge angles where there are any; a stage that had not settled is marked."""
     if not stages:
         return []
-    rows = tuple(Row(_values(stage), marked=stage.settled is False) for stage in stages)
+    rows = tuple(TableRow(_values(stage), marked=stage.settled is False) for stage in stages)
     readings = f"{name}, readings: means after settling, ± one standard deviation of a single sample where the recording tells it."
     found = [Table("static-readings", readings, (*STAGE, *READINGS), rows)]
     if any(np.isfinite(stage.hinge_deg).any() for stage in stages):
@@ -34,14 +34,17 @@ def stage_tables(name: str, stages: Sequence[StaticStage]) -> list[Table]:
             f"{name}, hinge angles of each link against the one before it, ± one standard deviation where their photo tells it. "
             "Bend: between first and last link, the sum of the hinge angles without sign."
         )
-        columns = (*STAGE, *_hinge_columns(len(stages[0].hinge_deg)), BEND, Column("photo_doubts", role="note"))
+        columns = (*STAGE, *_hinge_columns(len(stages[0].hinge_deg)), BEND, TableColumn("photo_doubts", role="note"))
         found.append(Table("hinge-angles", hinges, columns, rows))
     return found
 
 
-def _hinge_columns(count: int) -> tuple[Column, ...]:
+def _hinge_columns(count: int) -> tuple[TableColumn, ...]:
     pairs = (
-        (Column(f"hinge{i}_deg", f"{i}", digits=2, half=f"hinge{i}_std_deg", over="Hinge"), Column(f"hinge{i}_std_deg", role="kept"))
+        (
+            TableColumn(f"hinge{i}_deg", f"{i}", digits=2, half=f"hinge{i}_std_deg", over="Hinge"),
+            TableColumn(f"hinge{i}_std_deg", role="kept"),
+        )
         for i in range(2, 2 + count)
     )
     return tuple(column for pair in pairs for column in pair)

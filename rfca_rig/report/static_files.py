@@ -11,7 +11,7 @@ from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.report.static_source import StaticSource
 from rfca_rig.report.static_tables import whole_curve
-from rfca_rig.report.table import Column, Row, Table
+from rfca_rig.report.table import Table, TableColumn, TableRow
 
 FORMAT = "rfca-static/1"
 
@@ -35,7 +35,7 @@ def stages_table(result: StaticResult, sources: Sequence[StaticSource]) -> Table
         for row, stage in enumerate(result.data.stages)
         for hinge in range(result.data.hinges)
     ]
-    return Table("stages", "", tuple(Column(key) for key in rows[0]), tuple(Row(row) for row in rows))
+    return Table("stages", "", tuple(TableColumn(key) for key in rows[0]), tuple(TableRow(row) for row in rows))
 
 
 def _angle(result: StaticResult, row: int, hinge: int) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from rfca_rig.report.provenance import Told
 from rfca_rig.report.static_pictures import DASHES, FORETOLD_STYLES, rest_picture, stiffness_picture, torque_picture
 from rfca_rig.report.static_source import StaticSource
 from rfca_rig.report.static_tables import common_table, curve_table, elastica_table, hinges_table, repeats_table
-from rfca_rig.report.table import Row, Table, places
+from rfca_rig.report.table import Table, TableRow, places
 from rfca_rig.report.templates import template
 from rfca_rig.report.text import NOTHING, counted, number, unbroken
 
@@ -109,7 +109,8 @@ def page(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequen
 def _said_well(table: Table) -> Table:
     """With true apostrophes."""
     return replace(
-        table, rows=tuple(Row({**r.values, "what": str(r.values["what"]).replace("'", "\u2019")}, r.digits, r.marked) for r in table.rows)
+        table,
+        rows=tuple(TableRow({**r.values, "what": str(r.values["what"]).replace("'", "\u2019")}, r.digits, r.marked) for r in table.rows),
     )
 
 

@@ -8,22 +8,22 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
 from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
-from rfca_rig.report.table import Column, Row, Table, Value, as_sure
+from rfca_rig.report.table import Table, TableColumn, TableRow, Value, as_sure
 
 TABLE_STEP_DEG = 2.5
 FEW_LINES = 12
 FULL_GRID = 101
 
 CURVE_COLUMNS = (
-    Column("angle_deg", "Rotation", set_value=True),
-    Column("torque_Nm", "Torque", half="torque_half_Nm"),
-    Column("torque_std_Nm", role="kept"),
-    Column("torque_low_Nm", role="kept"),
-    Column("torque_high_Nm", role="kept"),
-    Column("stiffness_Nm_per_rad", "Stiffness", half="stiffness_half_Nm_per_rad"),
-    Column("stiffness_std_Nm_per_rad", role="kept"),
-    Column("stiffness_low_Nm_per_rad", role="kept"),
-    Column("stiffness_high_Nm_per_rad", role="kept"),
+    TableColumn("angle_deg", "Rotation", set_value=True),
+    TableColumn("torque_Nm", "Torque", half="torque_half_Nm"),
+    TableColumn("torque_std_Nm", role="kept"),
+    TableColumn("torque_low_Nm", role="kept"),
+    TableColumn("torque_high_Nm", role="kept"),
+    TableColumn("stiffness_Nm_per_rad", "Stiffness", half="stiffness_half_Nm_per_rad"),
+    TableColumn("stiffness_std_Nm_per_rad", role="kept"),
+    TableColumn("stiffness_low_Nm_per_rad", role="kept"),
+    TableColumn("stiffness_high_Nm_per_rad", role="kept"),
 )
 
 
@@ -35,22 +35,22 @@ def values_table(result: StaticResult) -> Table:
         _value("k2", values.k2_per_rad2, values.k2_std, values.reach, "1/rad²"),
     )
     columns = (
-        Column("parameter"),
-        Column("value", half="half_95"),
-        Column("unit"),
-        Column("std", role="kept"),
-        Column("low_95", role="kept"),
-        Column("high_95", role="kept"),
+        TableColumn("parameter"),
+        TableColumn("value", half="half_95"),
+        TableColumn("unit"),
+        TableColumn("std", role="kept"),
+        TableColumn("low_95", role="kept"),
+        TableColumn("high_95", role="kept"),
     )
     stages, angles = len(result.data.stages), int(result.data.seen.sum())
     return Table("values", f"Torque k0 (phi + k2 phi^3) of a hinge, ± half of a 95 % interval; {stages} stages, {angles} hinge angles.",
                  columns, rows)  # fmt: skip
 
 
-def _value(name: str, value: float, std: float, reach: float, unit: str) -> Row:
+def _value(name: str, value: float, std: float, reach: float, unit: str) -> TableRow:
     half = reach * std
     said: dict[str, Value] = {"parameter": name, "value": value, "half_95": half, "unit": unit, "std": std}
-    return Row({**said, "low_95": value - half, "high_95": value + half})
+    return TableRow({**said, "low_95": value - half, "high_95": value + half})
 
 
 def curve_table(curve: TorqueCurve, angles: int) -> Table:
@@ -73,9 +73,9 @@ def _curve(curve: TorqueCurve, phi: NDArray[np.float64], words: str, signed: boo
     return Table("curve", caption, tuple(as_sure(column, rows) for column in CURVE_COLUMNS), rows)
 
 
-def _curve_row(reach: float, angle: float, torque: float, torque_std: float, stiffness: float, stiffness_std: float) -> Row:
+def _curve_row(reach: float, angle: float, torque: float, torque_std: float, stiffness: float, stiffness_std: float) -> TableRow:
     half, stiff_half = reach * torque_std, reach * stiffness_std
-    return Row(
+    return TableRow(
         {
             "angle_deg": round(angle, 5) + 0.0,
             "torque_Nm": torque,
@@ -104,26 +104,28 @@ def _round_angles(curve: TorqueCurve) -> NDArray[np.float64]:
 def hinges_table(result: StaticResult) -> Table:
     """Each hinge against the curve of all; those that differ by more than chance are marked."""
     rows = tuple(
-        Row({"hinge": one.hinge, "stiffer_pct": 100.0 * one.stiffer, "std_pct": 100.0 * one.std}, marked=one.differs)
+        TableRow({"hinge": one.hinge, "stiffer_pct": 100.0 * one.stiffer, "std_pct": 100.0 * one.std}, marked=one.differs)
         for one in result.hinges
     )
-    stiffer = as_sure(Column("stiffer_pct", "Stiffer than the curve", half="std_pct"), rows)
-    columns = (Column("hinge", "Hinge"), stiffer, Column("std_pct", role="kept"))
+    stiffer = as_sure(TableColumn("stiffer_pct", "Stiffer than the curve", half="std_pct"), rows)
+    columns = (TableColumn("hinge", "Hinge"), stiffer, TableColumn("std_pct", role="kept"))
     return Table("hinges", "Each hinge by itself, ± one standard deviation; bold where it differs by more than chance.", columns, rows)
 
 
 def common_table(result: StaticResult) -> Table:
     """What is the same in all stages and was not taken for exact."""
     rows = tuple(
-        Row({"what": d.says, "off": d.value, "off_std": d.std, "known_to": float(f"{d.prior_std:.2g}"), "unit": d.unit}, marked=d.strained)
+        TableRow(
+            {"what": d.says, "off": d.value, "off_std": d.std, "known_to": float(f"{d.prior_std:.2g}"), "unit": d.unit}, marked=d.strained
+        )
         for d in result.systematic_errors
     )
     columns = (
-        Column("what", "Off what was believed"),
-        Column("off", "Found", half="off_std"),
-        Column("off_std", role="kept"),
-        Column("known_to", "Known to before", set_value=True),
-        Column("unit", "Unit"),
+        TableColumn("what", "Off what was believed"),
+        TableColumn("off", "Found", half="off_std"),
+        TableColumn("off_std", role="kept"),
+        TableColumn("known_to", "Known to before", set_value=True),
+        TableColumn("unit", "Unit"),
     )
     return Table("common", "One standard deviation each; bold where it is farther off than it was known to.", columns, rows)
 
@@ -131,14 +133,14 @@ def common_table(result: StaticResult) -> Table:
 def repeats_table(result: StaticResult, names: Sequence[str]) -> Table:
     """The law from each recording alone; no rows for a single one."""
     rows = tuple(
-        Row({"recording": name, "k0_Nm_per_rad": one.k0_Nm_per_rad, "k0_half": one.reach * one.k0_std,
+        TableRow({"recording": name, "k0_Nm_per_rad": one.k0_Nm_per_rad, "k0_half": one.reach * one.k0_std,
              "k2_per_rad2": one.k2_per_rad2, "k2_half": one.reach * one.k2_std})
         for name, one in zip(names, result.repeats.each, strict=False)
     )  # fmt: skip
     columns = (
-        Column("recording", "Recording"),
-        Column("k0_Nm_per_rad", "k0", half="k0_half"),
-        Column("k2_per_rad2", "k2", half="k2_half"),
+        TableColumn("recording", "Recording"),
+        TableColumn("k0_Nm_per_rad", "k0", half="k0_half"),
+        TableColumn("k2_per_rad2", "k2", half="k2_half"),
     )
     return Table("recordings", "From each recording alone, ± half of a 95 % interval.", columns, rows)
 
@@ -152,10 +154,10 @@ def elastica_table(foretold: Sequence[Foretold], result: StaticResult) -> Table:
     ]
     found: dict[str, Value] = {"held": "measured here", "k0_Nm_per_rad": values.k0_Nm_per_rad, "k2_per_rad2": values.k2_per_rad2}
     columns = (
-        Column("held", "The paper\u2019s strip, held"),
-        Column("free_mm", "Free", digits=1),
-        Column("k0_Nm_per_rad", "k0", digits=2),
-        Column("k2_per_rad2", "k2", digits=2),
+        TableColumn("held", "The paper\u2019s strip, held"),
+        TableColumn("free_mm", "Free", digits=1),
+        TableColumn("k0_Nm_per_rad", "k0", digits=2),
+        TableColumn("k2_per_rad2", "k2", digits=2),
     )
     caption = "Computed, two strips of 226 \u00d7 25.4 \u00d7 0.8 mm, 120 GPa; what was measured has its interval above."
-    return Table("elastica", caption, columns, (*(Row(row) for row in rows), Row(found)))
+    return Table("elastica", caption, columns, (*(TableRow(row) for row in rows), TableRow(found)))

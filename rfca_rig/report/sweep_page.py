@@ -9,10 +9,10 @@ from rfca_rig.report.sweep_pictures import drawn_points, drawn_view
 from rfca_rig.report.sweep_sensitivities import MOST_GROUPS, Explained, table_of
 from rfca_rig.report.sweep_text import formula, name_and_unit, shown, with_unit
 from rfca_rig.report.sweep_views import Drawn, View, drawn_groups, views
-from rfca_rig.report.table import Column, Row, Table
+from rfca_rig.report.table import Table, TableColumn, TableRow
 from rfca_rig.report.templates import template
 from rfca_rig.report.text import counted, number
-from rfca_rig.sweep.outputs import Asked
+from rfca_rig.sweep.outputs import RequestedOutput
 from rfca_rig.sweep.quantities import quantity
 from rfca_rig.sweep.result import CSV, H5, SweepResult
 from rfca_rig.sweep.samples import points
@@ -69,12 +69,12 @@ def _figures(result: SweepResult, found: list[Explained]) -> tuple[list[dict[str
     return [_grid_figure(result, asked, view) for view in shown_views for asked in _known(result)], there_are - len(shown_views)
 
 
-def _known(result: SweepResult) -> list[Asked]:
+def _known(result: SweepResult) -> list[RequestedOutput]:
     """The outputs that have a value anywhere."""
     return [asked for asked in result.plan.outputs if not np.isnan(result.output(asked.header)).all()]
 
 
-def _grid_figure(result: SweepResult, asked: Asked, view: View) -> dict[str, Any]:
+def _grid_figure(result: SweepResult, asked: RequestedOutput, view: View) -> dict[str, Any]:
     values = view.values(result, asked.header)
     crosses = " Crosses: no value." if view.is_map and np.isnan(values).any() else ""
     return {
@@ -86,7 +86,7 @@ def _grid_figure(result: SweepResult, asked: Asked, view: View) -> dict[str, Any
     }
 
 
-def _points_figure(result: SweepResult, asked: Asked, group: Drawn, found: list[Explained]) -> dict[str, Any]:
+def _points_figure(result: SweepResult, asked: RequestedOutput, group: Drawn, found: list[Explained]) -> dict[str, Any]:
     samples = result.plan.samples
     assert samples is not None
     indices = [each.found for each in found if each.output == asked.header and each.at == group.at]
@@ -100,7 +100,7 @@ def _points_figure(result: SweepResult, asked: Asked, group: Drawn, found: list[
     }
 
 
-def _title(asked: Asked) -> str:
+def _title(asked: RequestedOutput) -> str:
     return asked.words[:1].upper() + asked.words[1:]
 
 
@@ -114,20 +114,20 @@ def _varied(result: SweepResult) -> Table:
     for each in plan.samples.ranges if plan.samples else ():
         rows.append(_row(each.name, f"{shown(each.low)} to {shown(each.high)}", "evenly in the logarithm" if each.log else "", "drawn"))
     rows += [_row(name, shown(value), "", "fixed") for name, value in plan.fixed]
-    columns = (Column("what"), Column("values"), Column("how_many", "number"), Column("column", "column"))
+    columns = (TableColumn("what"), TableColumn("values"), TableColumn("how_many", "number"), TableColumn("column", "column"))
     return Table("varied", "All else is as the model believes it.", columns, tuple(rows))
 
 
-def _row(name: str, values: str, spacing: str, number: str) -> Row:
+def _row(name: str, values: str, spacing: str, number: str) -> TableRow:
     words, unit = quantity(name).words, name_and_unit(name)[1]
     said = ", ".join(filter(None, (f"{values} {unit}" if unit else values, spacing)))
-    return Row({"what": f"{words[:1].upper()}{words[1:]}", "values": said, "how_many": number, "column": name})
+    return TableRow({"what": f"{words[:1].upper()}{words[1:]}", "values": said, "how_many": number, "column": name})
 
 
 def _outputs(result: SweepResult) -> Table:
     rows = tuple(
-        Row({"what": _title(asked), "equation": formula(asked.output.equation), "source": asked.output.source, "column": asked.header})
+        TableRow({"what": _title(asked), "equation": formula(asked.output.equation), "source": asked.output.source, "column": asked.header})
         for asked in result.plan.outputs
     )
-    columns = (Column("what"), Column("equation", "definition"), Column("source"), Column("column"))
+    columns = (TableColumn("what"), TableColumn("equation", "definition"), TableColumn("source"), TableColumn("column"))
     return Table("outputs", DEFINITIONS, columns, rows)

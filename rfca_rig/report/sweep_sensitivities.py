@@ -7,7 +7,7 @@ import numpy as np
 
 from rfca_rig.report.sweep_text import name_and_unit, with_unit
 from rfca_rig.report.sweep_views import drawn_groups
-from rfca_rig.report.table import Column, Row, Table
+from rfca_rig.report.table import Table, TableColumn, TableRow
 from rfca_rig.sweep.quantities import Value
 from rfca_rig.sweep.result import SweepResult
 from rfca_rig.sweep.samples import shares
@@ -47,10 +47,10 @@ def _explained(result: SweepResult) -> Iterator[Explained]:
 def table_of(found: list[Explained]) -> Table:
     """A line for each output, a column for each quantity, and what is left to interactions."""
     names = list(dict.fromkeys(each.name for each in found))
-    columns = [Column("at", role="group"), Column("output")]
+    columns = [TableColumn("at", role="group"), TableColumn("output")]
     for name in names:
-        columns += [Column(name, name_and_unit(name)[0], half=f"{name} std"), Column(f"{name} std", role="kept")]
-    columns.append(Column("sum", "together", digits=2))
+        columns += [TableColumn(name, name_and_unit(name)[0], half=f"{name} std"), TableColumn(f"{name} std", role="kept")]
+    columns.append(TableColumn("sum", "together", digits=2))
     rows = []
     for at, output in dict.fromkeys((each.at, each.output) for each in found):
         values: dict[str, str | float | None] = {"at": ", ".join(with_unit(*each) for each in at), "output": name_and_unit(output)[0]}
@@ -59,7 +59,7 @@ def table_of(found: list[Explained]) -> Table:
             values[each.name] = each.found.index if each.found else None
             values[f"{each.name} std"] = each.found.std if each.found else None
         values["sum"] = sum(each.found.index for each in of_row if each.found) if all(each.found for each in of_row) else None
-        rows.append(Row(values))
+        rows.append(TableRow(values))
     return Table(
         "sensitivities",
         "Share of an output's variance that one quantity explains alone (first-order Sobol index ± one standard error); what is missing "

@@ -14,7 +14,7 @@ Role = Literal["value", "kept", "group", "note"]
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     """One column; `key` heads it in CSV and carries the unit in its name, `head` is what a reader sees, the key in words if not given.
 
     Numbers are shown with `digits` decimals, else with two digits of the uncertainty; `half` is the key of the column that holds it, one
@@ -42,7 +42,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """Values by the keys of the columns; what is missing or None is not known. `digits` goes before those of the columns.
 
     A `marked` row is one to look at first, and set so that it is seen.
@@ -68,12 +68,12 @@ class Table:
 
     name: str
     caption: str
-    columns: tuple[Column, ...]
-    rows: tuple[Row, ...]
+    columns: tuple[TableColumn, ...]
+    rows: tuple[TableRow, ...]
     foot: tuple[Foot, ...] = ()
 
     @property
-    def shown(self) -> tuple[Column, ...]:
+    def shown(self) -> tuple[TableColumn, ...]:
         return tuple(column for column in self.columns if column.role == "value")
 
     @cached_property
@@ -81,13 +81,13 @@ class Table:
         """Keys of the columns that hold numbers, which stand to the right."""
         return frozenset(column.key for column in self.columns if any(_is_number(row.values.get(column.key)) for row in self.rows))
 
-    def groups(self) -> list[tuple[str, tuple[Row, ...]]]:
+    def groups(self) -> list[tuple[str, tuple[TableRow, ...]]]:
         """The rows by their group, without a name where there is one only."""
         key = next((column.key for column in self.columns if column.role == "group"), "")
         groups = [(str(name), tuple(rows)) for name, rows in groupby(self.rows, lambda row: row.values.get(key) or "")]
         return groups if len(groups) > 1 else [("", self.rows)]
 
-    def notes(self, row: Row) -> list[str]:
+    def notes(self, row: TableRow) -> list[str]:
         """What stands below the row, a line each."""
         said = (row.values.get(column.key) for column in self.columns if column.role == "note")
         return [str(text) for text in said if text]
@@ -99,7 +99,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Cell:
+class TableCell:
     """A value as text, with a plain minus sign; `half` is what follows a ±, "" for nothing. Both "" for what is not known."""
 
     text: str
@@ -107,22 +107,22 @@ class Cell:
     is_number: bool = False
 
 
-def cell(column: Column, row: Row) -> Cell:
+def cell(column: TableColumn, row: TableRow) -> TableCell:
     """The value of the row, and its uncertainty where there is one."""
     value, half = row.values.get(column.key), row.values.get(column.half) if column.half else None
     if value is None or (isinstance(value, float) and not isfinite(value)):
-        return Cell("")
+        return TableCell("")
     if isinstance(value, bool | str):
-        return Cell(value if isinstance(value, str) else ("yes" if value else "no"))
+        return TableCell(value if isinstance(value, str) else ("yes" if value else "no"))
     if column.set_value:
-        return Cell(f"{value:.6g}", is_number=True)
+        return TableCell(f"{value:.6g}", is_number=True)
     known = float(half) if isinstance(half, int | float) and isfinite(half) and half > 0 else None
     digits = _digits(value, known, column.digits if row.digits is None else row.digits)
-    return Cell(rounded(value, digits), "" if known is None else rounded(known, digits), is_number=True)
+    return TableCell(rounded(value, digits), "" if known is None else rounded(known, digits), is_number=True)
 
 
-def foot_cell(column: Column, foot: Foot) -> Cell:
-    return cell(column, Row(foot.values, foot.digits))
+def foot_cell(column: TableColumn, foot: Foot) -> TableCell:
+    return cell(column, TableRow(foot.values, foot.digits))
 
 
 def head_span(table: Table, foot: Foot) -> int:
@@ -152,7 +152,7 @@ def _is_number(value: Value) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def as_sure(column: Column, rows: Sequence[Row]) -> Column:
+def as_sure(column: TableColumn, rows: Sequence[TableRow]) -> TableColumn:
     """The column with as many decimals in all rows as show two digits of the usual uncertainty."""
     halves = [row.values.get(column.half) for row in rows]
     known = sorted(float(half) for half in halves if isinstance(half, int | float) and isfinite(half) and half > 0)

@@ -5,30 +5,30 @@ from typing import Any
 
 from rfca_rig.analysis.repeats import Spread
 from rfca_rig.analysis.table2 import PAPER_AVERAGE_ERROR_PCT, Table2
-from rfca_rig.analysis.table2 import Row as Compared
-from rfca_rig.report.table import Column, Foot, Row, Table
+from rfca_rig.analysis.table2 import Table2Row as Compared
+from rfca_rig.report.table import Foot, Table, TableColumn, TableRow
 from rfca_rig.report.text import counted
 
 FORMAT = "rfca-table2/1"
 MEASURED, SIMULATED, ERROR = "Measured valley", "Simulated valley", "Error"
 
 COLUMNS = (
-    Column("height_mm", "Rack height", set_value=True),
-    Column("speed_rad_s", "Speed", set_value=True),
-    Column("repeats", "Repeats"),
-    Column("measured_time_s", "time", digits=4, half="measured_time_std_s", over=MEASURED),
-    Column("measured_time_std_s", role="kept"),
-    Column("measured_fz_N", "fz", digits=2, half="measured_fz_std_N", over=MEASURED),
-    Column("measured_fz_std_N", role="kept"),
-    Column("simulated_time_s", "time", digits=4, over=SIMULATED),
-    Column("simulated_fz_N", "fz", digits=2, over=SIMULATED),
-    Column("time_error_pct", "time", digits=2, over=ERROR),
-    Column("force_error_pct", "fz", digits=2, over=ERROR),
-    Column("signed_time_error_pct", role="kept"),
-    Column("signed_force_error_pct", role="kept"),
-    Column("shaft_speed_rad_s", role="kept"),
-    Column("source", role="group"),
-    Column("refused", role="note"),
+    TableColumn("height_mm", "Rack height", set_value=True),
+    TableColumn("speed_rad_s", "Speed", set_value=True),
+    TableColumn("repeats", "Repeats"),
+    TableColumn("measured_time_s", "time", digits=4, half="measured_time_std_s", over=MEASURED),
+    TableColumn("measured_time_std_s", role="kept"),
+    TableColumn("measured_fz_N", "fz", digits=2, half="measured_fz_std_N", over=MEASURED),
+    TableColumn("measured_fz_std_N", role="kept"),
+    TableColumn("simulated_time_s", "time", digits=4, over=SIMULATED),
+    TableColumn("simulated_fz_N", "fz", digits=2, over=SIMULATED),
+    TableColumn("time_error_pct", "time", digits=2, over=ERROR),
+    TableColumn("force_error_pct", "fz", digits=2, over=ERROR),
+    TableColumn("signed_time_error_pct", role="kept"),
+    TableColumn("signed_force_error_pct", role="kept"),
+    TableColumn("shaft_speed_rad_s", role="kept"),
+    TableColumn("source", role="group"),
+    TableColumn("refused", role="note"),
 )
 
 
@@ -52,7 +52,7 @@ def as_table(table: Table2, shaft_words: str) -> Table:
         caption="Valley of fz: measured as mean ± one standard deviation (n - 1) over the repeats, simulated with " + shaft_words + ". "
         "Errors are relative to the measured mean.",
         columns=COLUMNS,
-        rows=tuple(Row({**record(row), "refused": "; ".join(row.refused)}) for row in table.rows),
+        rows=tuple(TableRow({**record(row), "refused": "; ".join(row.refused)}) for row in table.rows),
         foot=(
             Foot(f"Average over {averaged}", average),
             Foot("The paper\u2019s own averages, over four conditions of its rig", paper, digits=1),

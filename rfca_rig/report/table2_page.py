@@ -11,7 +11,7 @@ from rfca_rig.report.provenance import Told
 from rfca_rig.report.quantities import quantities_of
 from rfca_rig.report.sources import ComparedSource
 from rfca_rig.report.stage_table import stage_tables
-from rfca_rig.report.table import Column, Row, Table
+from rfca_rig.report.table import Table, TableColumn, TableRow
 from rfca_rig.report.table2_files import as_table
 from rfca_rig.report.templates import template
 from rfca_rig.report.text import (
@@ -28,13 +28,18 @@ from rfca_rig.report.text import (
     unbroken,
 )
 
-COLUMNS = (Column("part", role="group"), Column("parameter", "Parameter"), Column("value", "Value"), Column("unit", "Unit"))
+COLUMNS = (
+    TableColumn("part", role="group"),
+    TableColumn("parameter", "Parameter"),
+    TableColumn("value", "Value"),
+    TableColumn("unit", "Unit"),
+)
 
 
 def model_table(rig: RigModel) -> Table:
     """Part by part, in a lab's units."""
     rows = [{"part": q.section, "parameter": q.name, "value": q.value, "unit": q.unit} for q in quantities_of(rig)]
-    return Table("model", "", COLUMNS, tuple(Row(row) for row in rows))
+    return Table("model", "", COLUMNS, tuple(TableRow(row) for row in rows))
 
 
 def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: Shaft, told: Told) -> str:

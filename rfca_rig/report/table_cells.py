@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rfca_rig.report.table import Cell, Column, Foot, Row, Table, cell, foot_cell, head_span
+from rfca_rig.report.table import Foot, Table, TableCell, TableColumn, TableRow, cell, foot_cell, head_span
 from rfca_rig.report.text import MINUS, NO_BREAK, NOTHING, in_thousands
 
 
@@ -54,7 +54,7 @@ def shown_cells(table: Table) -> ShownTable:
     )
 
 
-def _row(table: Table, row: Row) -> ShownRow:
+def _row(table: Table, row: TableRow) -> ShownRow:
     cells = tuple(_shown(table, column, cell(column, row)) for column in table.shown)
     return ShownRow(cells, row.marked, tuple(table.notes(row)))
 
@@ -65,7 +65,7 @@ def _foot(table: Table, foot: Foot) -> ShownFoot:
     return ShownFoot(foot.words, span, cells)
 
 
-def _shown(table: Table, column: Column, found: Cell) -> ShownCell:
+def _shown(table: Table, column: TableColumn, found: TableCell) -> ShownCell:
     text = in_thousands(found.text).replace("-", MINUS) if found.is_number else found.text
     if found.half:
         text += f"{NO_BREAK}±{NO_BREAK}{found.half}"

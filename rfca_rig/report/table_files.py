@@ -5,7 +5,7 @@ import io
 from collections.abc import Sequence
 from math import isfinite
 
-from rfca_rig.report.table import Cell, Column, Foot, Row, Table, Value, cell, foot_cell, head_span
+from rfca_rig.report.table import Foot, Table, TableCell, TableColumn, TableRow, Value, cell, foot_cell, head_span
 
 UNKNOWN_TEX = "--"
 
@@ -110,7 +110,7 @@ def _tex_heads(table: Table) -> list[str]:
     return [_tex_line(above), "".join(rules), heads]
 
 
-def _tex_head(column: Column, is_number: bool) -> str:
+def _tex_head(column: TableColumn, is_number: bool) -> str:
     unit = f" ({tex_unit(column.unit)})" if column.unit else ""
     text = f"{tex_head(column.title)}{unit}"
     if column.upright:
@@ -128,7 +128,7 @@ def _tex_line(cells: Sequence[str]) -> str:
     return " & ".join(cells) + r" \\"
 
 
-def _tex_cell(column: Column, found: Cell, is_number: bool) -> str:
+def _tex_cell(column: TableColumn, found: TableCell, is_number: bool) -> str:
     if not found.text:
         return UNKNOWN_TEX if is_number and not column.upright else ""
     if column.key == "unit":
@@ -143,7 +143,7 @@ def as_text(table: Table) -> str:
     return "".join(f"{_aligned(table, line, widths)}\n" for line in lines)
 
 
-def row_texts(table: Table, row: Row) -> list[str]:
+def row_texts(table: Table, row: TableRow) -> list[str]:
     """The shown cells of a row."""
     return [_text(cell(column, row)) for column in table.shown]
 
@@ -153,10 +153,10 @@ def _aligned(table: Table, line: Sequence[str], widths: Sequence[int]) -> str:
     return "  ".join(text.rjust(width) if column.key in table.numeric else text.ljust(width) for text, width, column in placed).rstrip()
 
 
-def _headed(column: Column) -> str:
+def _headed(column: TableColumn) -> str:
     over = f"{column.over}: " if column.over else ""
     return f"{over}{column.title} ({column.unit})" if column.unit else f"{over}{column.title}"
 
 
-def _text(found: Cell) -> str:
+def _text(found: TableCell) -> str:
     return f"{found.text} +- {found.half}" if found.half else found.text

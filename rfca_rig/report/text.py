@@ -4,7 +4,7 @@ import re
 
 from rfca_rig.analysis.compare import ComparedCondition
 from rfca_rig.analysis.matched_simulation import Shaft
-from rfca_rig.report.overlay import Overlay
+from rfca_rig.report.overlay import OverlayDrawing
 
 NOTHING = "\u2013"  # en dash
 MINUS = "\u2212"
@@ -79,7 +79,7 @@ def shaft_sentence(compared: ComparedCondition, shaft: Shaft) -> str:
     return f"Simulated at {mean} ({'commanded' if taken_from == 'command' else 'average, from the recorded ' + taken_from})."
 
 
-def regions_sentence(compared: ComparedCondition, overlay: Overlay) -> str:
+def regions_sentence(compared: ComparedCondition, overlay: OverlayDrawing) -> str:
     """The regions that are drawn, each with its end, and which strokes the borders are from."""
     if len(overlay.regions) < 2:
         return "No regions II and III: neither a repeat nor the model touches the ground."
@@ -97,7 +97,7 @@ def rms_sentence(compared: ComparedCondition) -> str:
     return "Residual (measured minus simulated), rms: " + ", ".join(f"{phase} {value:.2f} N" for phase, value in rms.items()) + "."
 
 
-def scales_sentence(overlay: Overlay) -> str:
+def scales_sentence(overlay: OverlayDrawing) -> str:
     """The two scales, since the eye would compare them otherwise, and what leaves the residual's."""
     wide, narrow = overlay.force_span_N, 2.0 * overlay.residual_limit_N
     said = f"The axis of the residual spans ±{overlay.residual_limit_N:g} N, {wide / narrow:.0f} times finer than the force axis."

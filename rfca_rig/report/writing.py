@@ -14,13 +14,13 @@ from rfca_rig.analysis.table2 import Table2
 from rfca_rig.progress import Watcher, unwatched
 from rfca_rig.recording.model import Recording
 from rfca_rig.report.files import table_files, write_all
-from rfca_rig.report.provenance import Link, Origin, Told, untold
+from rfca_rig.report.provenance import Origin, PageLink, Told, untold
 from rfca_rig.report.run_page import page as run_page
 from rfca_rig.report.run_page import tables_of
 from rfca_rig.report.run_parts import story_of
 from rfca_rig.report.sources import ComparedSource, GivenModel, compare_sources
 from rfca_rig.report.stage_table import stage_tables
-from rfca_rig.report.table import Column, Foot, Row, Table
+from rfca_rig.report.table import Foot, Table, TableColumn, TableRow
 from rfca_rig.report.table2_files import as_json, as_table, rounded_or_none
 from rfca_rig.report.table2_page import page
 from rfca_rig.report.text import SHAFT_WORDS
@@ -31,25 +31,25 @@ PAPER_CONDITION = Condition(0.155, 15.0, ())  # the paper's impact test, section
 PAPER_PEAK_N = (188.0, 232.0)  # fy and fz there, printed without signs
 
 COLUMNS = (
-    Column("height_mm", "Rack height", set_value=True),
-    Column("speed_rad_s", "Speed", set_value=True),
-    Column("repeats", "Repeats"),
-    Column("measured_force_N", "|F|", digits=1, half="measured_force_std_N", over=MEASURED),
-    Column("measured_force_std_N", role="kept"),
-    Column("measured_fy_N", "fy", digits=1, half="measured_fy_std_N", over=MEASURED),
-    Column("measured_fy_std_N", role="kept"),
-    Column("measured_fz_N", "fz", digits=1, half="measured_fz_std_N", over=MEASURED),
-    Column("measured_fz_std_N", role="kept"),
-    Column("measured_time_s", "time", digits=4, half="measured_time_std_s", over=MEASURED),
-    Column("measured_time_std_s", role="kept"),
-    Column("simulated_force_N", "|F|", digits=1, over=SIMULATED),
-    Column("simulated_fy_N", "fy", digits=1, over=SIMULATED),
-    Column("simulated_fz_N", "fz", digits=1, over=SIMULATED),
-    Column("simulated_time_s", "time", digits=4, over=SIMULATED),
-    Column("simulated_touching", role="kept"),
-    Column("shaft_speed_rad_s", role="kept"),
-    Column("source", role="group"),
-    Column("notes", role="note"),
+    TableColumn("height_mm", "Rack height", set_value=True),
+    TableColumn("speed_rad_s", "Speed", set_value=True),
+    TableColumn("repeats", "Repeats"),
+    TableColumn("measured_force_N", "|F|", digits=1, half="measured_force_std_N", over=MEASURED),
+    TableColumn("measured_force_std_N", role="kept"),
+    TableColumn("measured_fy_N", "fy", digits=1, half="measured_fy_std_N", over=MEASURED),
+    TableColumn("measured_fy_std_N", role="kept"),
+    TableColumn("measured_fz_N", "fz", digits=1, half="measured_fz_std_N", over=MEASURED),
+    TableColumn("measured_fz_std_N", role="kept"),
+    TableColumn("measured_time_s", "time", digits=4, half="measured_time_std_s", over=MEASURED),
+    TableColumn("measured_time_std_s", role="kept"),
+    TableColumn("simulated_force_N", "|F|", digits=1, over=SIMULATED),
+    TableColumn("simulated_fy_N", "fy", digits=1, over=SIMULATED),
+    TableColumn("simulated_fz_N", "fz", digits=1, over=SIMULATED),
+    TableColumn("simulated_time_s", "time", digits=4, over=SIMULATED),
+    TableColumn("simulated_touching", role="kept"),
+    TableColumn("shaft_speed_rad_s", role="kept"),
+    TableColumn("source", role="group"),
+    TableColumn("notes", role="note"),
 )
 
 
@@ -67,7 +67,7 @@ def peaks_as_table(rows: Sequence[PeakForceRow], shaft_words: str) -> Table:
         "Measured: mean ± one standard deviation (n - 1) over the repeats. Simulated: "
         f"{shaft_words}. Time counts from the start of the motion.",
         columns=COLUMNS,
-        rows=tuple(Row({**peak_record(row), "notes": "; ".join(_notes(row))}) for row in rows),
+        rows=tuple(TableRow({**peak_record(row), "notes": "; ".join(_notes(row))}) for row in rows),
         foot=_foot(rows),
     )
 
@@ -118,7 +118,7 @@ def _foot(rows: Sequence[PeakForceRow]) -> tuple[Foot, ...]:
 
 
 @dataclass(frozen=True)
-class Report:
+class WrittenReport:
     """The table, and the pages that were written."""
 
     table: Table2
@@ -132,7 +132,7 @@ def write_report(
     given: GivenModel | None = None,
     origin: Origin | None = None,
     watcher: Watcher = unwatched,
-) -> Report:
+) -> WrittenReport:
     """Compares, draws, and writes all files into `out_dir`, which is made where it is not there.
 
     Every recording is held against the model it was believed to follow, or all against the `given` one. `shaft` says how the
@@ -144,7 +144,7 @@ def write_report(
     table = Table2(tuple(row for source in sources for row in source.rows))
     named = _run_pages(sources)
     runs = {name: _run(name, source, told, place) for place, (name, source) in enumerate(named)}
-    links = tuple(Link(name, f"How {source.name} went" if len(named) > 1 else "How the run went") for name, source in named)
+    links = tuple(PageLink(name, f"How {source.name} went" if len(named) > 1 else "How the run went") for name, source in named)
     shown = as_table(table, SHAFT_WORDS[shaft])
     peaks = tuple(row for source in sources for row in source.peaks)
     shown_peaks = peaks_as_table(peaks, SHAFT_WORDS[shaft])
@@ -155,7 +155,7 @@ def write_report(
         "peak-forces.json": peaks_as_json(peaks),
     }
     write_all(out_dir, {**contents, **{name: text for files in runs.values() for name, text in files.items()}})
-    return Report(table, tuple(out_dir / name for name in ("report.html", *runs)))
+    return WrittenReport(table, tuple(out_dir / name for name in ("report.html", *runs)))
 
 
 def _run_pages(sources: Sequence[ComparedSource]) -> list[tuple[str, ComparedSource]]:
@@ -170,7 +170,7 @@ def _run(name: str, source: ComparedSource, origin: Origin, place: int) -> dict[
     written = [*tables, *stage_tables(source.name, source.recording.static)]
     files = table_files(_named_for(name.removesuffix(".html"), table) for table in written if table.rows)
     own = replace(origin, recordings=origin.recordings[place : place + 1])
-    return {name: run_page(story, tables, Told(own, (Link("report.html", "Held against the model"),)), tuple(files)), **files}
+    return {name: run_page(story, tables, Told(own, (PageLink("report.html", "Held against the model"),)), tuple(files)), **files}
 
 
 def _named_for(stem: str, table: Table) -> Table:

@@ -11,7 +11,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.executors.base import TaskExecutor
 from rfca_rig.executors.mapping import Failed, map_unordered
 from rfca_rig.progress import Told
-from rfca_rig.sweep.cases import Rows, Span, compute, failed
+from rfca_rig.sweep.cases import CaseRange, Rows, compute, failed
 from rfca_rig.sweep.identity import settle
 from rfca_rig.sweep.pilot import measured_pace
 from rfca_rig.sweep.plan import SweepPlan
@@ -58,7 +58,7 @@ def _compute_missing(plan: SweepPlan, shards: Shards, executor: TaskExecutor, cl
         told(CASES, here, plan.count)
 
 
-def _rows(plan: SweepPlan, span: Span, found: Rows | Failed) -> Rows:
+def _rows(plan: SweepPlan, span: CaseRange, found: Rows | Failed) -> Rows:
     """One case, which is told as failed where it ends whoever computes it."""
     return failed(plan, span, found.reason) if isinstance(found, Failed) else found
 

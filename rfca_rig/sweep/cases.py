@@ -16,7 +16,7 @@ MISTAKE = "mistake in rfca-rig"
 
 
 @dataclass(frozen=True)
-class Span:
+class CaseRange:
     """The cases `first` to `last`, `last` excluded."""
 
     first: int
@@ -34,13 +34,13 @@ class Rows:
     remarks: tuple[str, ...]
 
 
-def compute(plan: SweepPlan, span: Span) -> Rows:
+def compute(plan: SweepPlan, span: CaseRange) -> Rows:
     """The cases of a span, in their order. A case that fails is a row too."""
     rows = [case_row(plan, case) for case in range(span.first, span.last)]
     return Rows(np.array([values for values, _ in rows]).reshape(len(span), len(plan.outputs)), tuple(remark for _, remark in rows))
 
 
-def failed(plan: SweepPlan, span: Span, reason: str) -> Rows:
+def failed(plan: SweepPlan, span: CaseRange, reason: str) -> Rows:
     """Rows of cases that nobody could compute."""
     return Rows(np.full((len(span), len(plan.outputs)), np.nan), (_short(reason),) * len(span))
 

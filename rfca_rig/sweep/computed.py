@@ -13,7 +13,7 @@ from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.setup import set_up
 from rfca_rig.model.state import Chain
 from rfca_rig.model.stroke import SimulatedStroke, stroke_following
-from rfca_rig.sweep.design import Design
+from rfca_rig.sweep.design import SweepCase
 
 Floats = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ class Missing(Exception):
 class Computed:
     """One design, and its stroke once that is asked for."""
 
-    def __init__(self, design: Design) -> None:
+    def __init__(self, design: SweepCase) -> None:
         self.design = design
 
     @cached_property

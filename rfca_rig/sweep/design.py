@@ -13,7 +13,7 @@ FITTED_STRIP = paper_strips({material.name: material for material in table_1_mat
 
 
 @dataclass(frozen=True)
-class Design:
+class SweepCase:
     """What one case simulates. `rig` is as believed, with its own links and strip; `strip`, `links` and `first_link_m` are put in last.
 
     So k0, k2 and hinge damping are always those of the nominal leg, from which other links and strips are derived.

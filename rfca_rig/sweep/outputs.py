@@ -95,7 +95,7 @@ DEFAULT = (
 
 
 @dataclass(frozen=True)
-class Asked:
+class RequestedOutput:
     """An output with its argument, if it takes one."""
 
     name: str
@@ -120,7 +120,7 @@ class Asked:
         return value(case) if self.at_deg is None else value(case, self.at_deg)
 
 
-def outputs_of(names: Sequence[str]) -> tuple[Asked, ...]:
+def outputs_of(names: Sequence[str]) -> tuple[RequestedOutput, ...]:
     """Raises BadInput for a name that is not known, or comes twice."""
     found = tuple(asked(name) for name in names)
     if len(set(found)) < len(found):
@@ -129,7 +129,7 @@ def outputs_of(names: Sequence[str]) -> tuple[Asked, ...]:
     return found
 
 
-def asked(text: str) -> Asked:
+def asked(text: str) -> RequestedOutput:
     """From "valley_fz_N" or "static_torque_Nm@60". Raises BadInput."""
     name, at, angle = text.strip().partition(AT)
     if name not in OUTPUTS:
@@ -138,11 +138,11 @@ def asked(text: str) -> Asked:
     if not OUTPUTS[name].at:
         if at:
             raise BadInput(f"{text!r}: {name} takes no angle; leave {AT}{angle} out")
-        return Asked(name)
+        return RequestedOutput(name)
     try:
         at_deg = float(angle.removesuffix("deg"))
     except ValueError:
         at_deg = float("nan")
     if not isfinite(at_deg):
         raise BadInput(f"{text!r}: {name} needs a {OUTPUTS[name].at} in degrees, as in {name}{AT}60")
-    return Asked(name, at_deg)
+    return RequestedOutput(name, at_deg)

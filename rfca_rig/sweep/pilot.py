@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from rfca_rig.clock import Clock
-from rfca_rig.sweep.cases import Span, case_row
+from rfca_rig.sweep.cases import CaseRange, case_row
 from rfca_rig.sweep.plan import SweepPlan
 
 MOST_S = 1.0
@@ -42,6 +42,6 @@ def bytes_expected(plan: SweepPlan) -> int:
     return plan.count * columns * (BYTES_PER_NUMBER + CSV_BYTES_PER_NUMBER)
 
 
-def whole(plan: SweepPlan) -> Span:
+def whole(plan: SweepPlan) -> CaseRange:
     """All cases."""
-    return Span(0, plan.count)
+    return CaseRange(0, plan.count)

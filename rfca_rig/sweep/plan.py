@@ -10,10 +10,10 @@ import numpy as np
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.setup import resolved
-from rfca_rig.sweep.design import Design
-from rfca_rig.sweep.outputs import REST_AT, Asked
+from rfca_rig.sweep.design import SweepCase
+from rfca_rig.sweep.outputs import REST_AT, RequestedOutput
 from rfca_rig.sweep.quantities import Value, quantity
-from rfca_rig.sweep.samples import Samples, points
+from rfca_rig.sweep.samples import SweepSamples, points
 
 MOST_CASES = 10_000_000
 
@@ -45,8 +45,8 @@ class SweepPlan:
     rig: RigModel
     fixed: tuple[tuple[str, Value], ...]
     axes: tuple[Axis, ...]
-    samples: Samples | None
-    outputs: tuple[Asked, ...]
+    samples: SweepSamples | None
+    outputs: tuple[RequestedOutput, ...]
 
     @property
     def varied(self) -> tuple[str, ...]:
@@ -70,9 +70,9 @@ class SweepPlan:
             on_grid.append(axis.values[place])
         return (*reversed(on_grid), *sampled)
 
-    def design(self, case: int) -> Design:
+    def design(self, case: int) -> SweepCase:
         """What the case simulates."""
-        design = Design(self.rig)
+        design = SweepCase(self.rig)
         for name, value in (*self.fixed, *zip(self.varied, self.point(case), strict=True)):
             design = quantity(name).write(design, value)
         return design

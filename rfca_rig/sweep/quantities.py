@@ -8,7 +8,7 @@ from functools import cache, partial
 import numpy as np
 
 from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
-from rfca_rig.analysis.fitting.space import Parameter as ModelParameter
+from rfca_rig.analysis.fitting.space import FitParameter as ModelParameter
 from rfca_rig.description.sections import SOFTEST_K2
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
@@ -16,7 +16,7 @@ from rfca_rig.model.effect import OF_PENDULUMS
 from rfca_rig.model.effect import Parameter as OfEffect
 from rfca_rig.model.rediscretize import MOST_LINKS
 from rfca_rig.model.strip import table_1_materials
-from rfca_rig.sweep.design import Design, with_effect_value
+from rfca_rig.sweep.design import SweepCase, with_effect_value
 
 Value = float | str
 
@@ -52,7 +52,7 @@ class Quantity:
 
     name: str
     words: str
-    write: Callable[[Design, Value], Design]
+    write: Callable[[SweepCase, Value], SweepCase]
     why_not: Callable[[Value], str | None]
     choices: tuple[str, ...] = ()
     sets: str = ""
@@ -130,7 +130,7 @@ def _of_the_links() -> tuple[Quantity, ...]:
 
 
 def _nominal(parameter: ModelParameter[Supposed]) -> Quantity:
-    def write(at: Design, value: Value) -> Design:
+    def write(at: SweepCase, value: Value) -> SweepCase:
         return replace(at, rig=parameter.write(Supposed(at.rig), _number(value)).rig)
 
     return Quantity(
@@ -171,25 +171,25 @@ def _with_unit(parameter: ModelParameter[Supposed]) -> str:
     return f"{parameter.name}_{unit}" if unit else parameter.name
 
 
-def _start_angle_rad(at: Design, value: Value) -> Design:
+def _start_angle_rad(at: SweepCase, value: Value) -> SweepCase:
     return replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, start_angle_rad=_number(value))))
 
 
-def _ramp_s(at: Design, value: Value) -> Design:
+def _ramp_s(at: SweepCase, value: Value) -> SweepCase:
     return replace(at, rig=replace(at.rig, drive=replace(at.rig.drive, ramp_s=_number(value))))
 
 
-def _material(at: Design, value: Value) -> Design:
+def _material(at: SweepCase, value: Value) -> SweepCase:
     material = next(each for each in table_1_materials() if each.name == value)
     return replace(at, strip=replace(at.strip, material=material))
 
 
-def _of_strip(field: str, at: Design, value: Value) -> Design:
+def _of_strip(field: str, at: SweepCase, value: Value) -> SweepCase:
     metres = round(1e-3 * _number(value), 9)  # 0.8 mm is the paper's strip to the last bit
     return replace(at, strip=replace(at.strip, thickness_m=metres) if field == "thickness_m" else replace(at.strip, width_m=metres))
 
 
-def _links(at: Design, value: Value) -> Design:
+def _links(at: SweepCase, value: Value) -> SweepCase:
     return replace(at, links=int(_number(value)))
 
 

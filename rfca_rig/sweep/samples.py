@@ -23,7 +23,7 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Samples:
+class SweepSamples:
     """`n` points in all the `ranges` at once. The same seed gives the same points, on any machine."""
 
     ranges: tuple[Range, ...]
@@ -45,7 +45,7 @@ def unbalanced(method: Method, n: int) -> str | None:
 
 
 @cache
-def points(samples: Samples) -> Floats:
+def points(samples: SweepSamples) -> Floats:
     """(n, ranges)."""
     unit = shares(samples)
     columns = [_between(each, unit[:, place]) for place, each in enumerate(samples.ranges)]
@@ -53,7 +53,7 @@ def points(samples: Samples) -> Floats:
 
 
 @cache
-def shares(samples: Samples) -> Floats:
+def shares(samples: SweepSamples) -> Floats:
     """(n, ranges) the same as shares of each range, 0 to 1, which is what is drawn."""
     from scipy.stats import qmc  # noqa: PLC0415 - grids need not pay for it
 

@@ -14,7 +14,7 @@ import numpy as np
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import GrowingFile, refusals, remove, write_atomically
 from rfca_rig.recording.run_lock import lock
-from rfca_rig.sweep.cases import LONGEST_REMARK, Rows, Span
+from rfca_rig.sweep.cases import LONGEST_REMARK, CaseRange, Rows
 
 FOLDER, LOCK = "shards", "lock"
 TEXT = f"S{4 * LONGEST_REMARK}"
@@ -38,7 +38,7 @@ class Shards:
         finally:
             file.close()
 
-    def write(self, span: Span, rows: Rows) -> None:
+    def write(self, span: CaseRange, rows: Rows) -> None:
         """Returns when they are on disk. Raises RigError, DiskFull."""
         content = io.BytesIO()
         with h5py.File(content, "w") as file:
@@ -47,12 +47,12 @@ class Shards:
             file.create_dataset("remarks", data=np.array([remark.encode() for remark in rows.remarks], dtype=TEXT), compression=1)
         write_atomically(self._path(span), content.getvalue())
 
-    def spans(self) -> list[Span]:
+    def spans(self) -> list[CaseRange]:
         """Of all shards there are, in order."""
         names = (path.stem.split("-") for path in self.folder.glob("cases-*.h5"))
-        return sorted((Span(int(first), int(last)) for _, first, last in names), key=lambda span: span.first)
+        return sorted((CaseRange(int(first), int(last)) for _, first, last in names), key=lambda span: span.first)
 
-    def read(self, span: Span) -> Rows:
+    def read(self, span: CaseRange) -> Rows:
         """Raises BadInput where the file is damaged, or of another plan."""
         path = self._path(span)
         try:
@@ -72,20 +72,20 @@ class Shards:
         with refusals(self.folder, "cannot be removed"):
             self.folder.rmdir()
 
-    def _path(self, span: Span) -> Path:
+    def _path(self, span: CaseRange) -> Path:
         return self.folder / f"cases-{span.first:08d}-{span.last:08d}.h5"
 
 
-def missing(count: int, there: Iterable[Span]) -> list[Span]:
+def missing(count: int, there: Iterable[CaseRange]) -> list[CaseRange]:
     """What of `count` cases no span covers."""
     gaps, at = [], 0
     for span in there:
         if span.first > at:
-            gaps.append(Span(at, span.first))
+            gaps.append(CaseRange(at, span.first))
         at = max(at, span.last)
-    return [*gaps, Span(at, count)] if at < count else gaps
+    return [*gaps, CaseRange(at, count)] if at < count else gaps
 
 
-def cut(gaps: Iterable[Span], size: int) -> list[Span]:
+def cut(gaps: Iterable[CaseRange], size: int) -> list[CaseRange]:
     """Spans of at most `size` cases."""
-    return [Span(first, min(first + size, gap.last)) for gap in gaps for first in range(gap.first, gap.last, size)]
+    return [CaseRange(first, min(first + size, gap.last)) for gap in gaps for first in range(gap.first, gap.last, size)]

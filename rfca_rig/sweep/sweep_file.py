@@ -14,7 +14,7 @@ from rfca_rig.model.parameters import RigModel
 from rfca_rig.sweep.outputs import DEFAULT, outputs_of
 from rfca_rig.sweep.plan import Axis, SweepPlan, checked_plan, spaced
 from rfca_rig.sweep.quantities import Value, quantity
-from rfca_rig.sweep.samples import Method, Range, Samples, unbalanced
+from rfca_rig.sweep.samples import Method, Range, SweepSamples, unbalanced
 
 Made = TypeVar("Made")
 Steps = Annotated[int, Field(ge=2, le=100_000)]
@@ -121,7 +121,7 @@ def plan_of(file: SweepFile, rig: RigModel, path: Path) -> SweepPlan:
     if file.samples:
         section = file.samples
         ranges = tuple(_at(path, ("samples", "vary", place, "name"), each.range) for place, each in enumerate(section.vary))
-        samples = Samples(ranges, section.method, section.n, section.seed)
+        samples = SweepSamples(ranges, section.method, section.n, section.seed)
     fixed = _at(path, ("fixed",), lambda: tuple((quantity(name).name, value) for name, value in flat(file.fixed)))
     outputs = _at(path, ("outputs",), lambda: outputs_of(file.outputs))
     try:

@@ -7,7 +7,7 @@ from rfca_rig.model.parameters import RigModel
 from rfca_rig.sweep.outputs import DEFAULT, outputs_of
 from rfca_rig.sweep.plan import Axis, SweepPlan, checked_plan, spaced
 from rfca_rig.sweep.quantities import Quantity, Value, quantity
-from rfca_rig.sweep.samples import METHODS, Method, Range, Samples, unbalanced
+from rfca_rig.sweep.samples import METHODS, Method, Range, SweepSamples, unbalanced
 
 LOG = "log"
 GRID = "NAME=FROM:TO:STEPS, NAME=FROM:TO:STEPS:log, or NAME=A,B,C"
@@ -64,13 +64,13 @@ def _spaced(varied: Quantity, text: str) -> tuple[list[float], bool]:
     return numbers, log
 
 
-def _samples(ranges: Sequence[Range], n: int, method: str, seed: int) -> Samples:
+def _samples(ranges: Sequence[Range], n: int, method: str, seed: int) -> SweepSamples:
     known: dict[str, Method] = {name.split(maxsplit=1)[0]: name for name in METHODS}
     if method not in known:
         raise BadInput(f"--method {method}: should be {' or '.join(known)}")
     if reason := unbalanced(known[method], n):
         raise BadInput(f"--samples: {reason.replace('a latin', '--method latin, a latin')}")
-    return Samples(tuple(ranges), known[method], n, seed)
+    return SweepSamples(tuple(ranges), known[method], n, seed)
 
 
 def _value(varied: Quantity, text: str) -> Value:

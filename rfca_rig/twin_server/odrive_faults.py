@@ -5,20 +5,23 @@ from collections.abc import Callable, Mapping
 import can
 
 from rfca_rig.codecs import cansimple, odrive_meanings, odrive_older_meanings
-from rfca_rig.codecs.odrive_messages import Command, Dialect, EncoderEstimates
+from rfca_rig.codecs.odrive_messages import EncoderEstimates, OdriveCommand, OdriveFirmware
 from rfca_rig.twin_server.drive_faults import drive_events
 from rfca_rig.twin_server.tampered_bus import with_data
 from rfca_rig.twins.odrive import WATCHDOG_EXPIRED, OdriveTwin
 
 JUMP_TURNS = 1.0
-OVER_TEMPERATURE = {Dialect.V0_5: odrive_older_meanings.OVER_TEMPERATURE, Dialect.V0_6: odrive_meanings.MOTOR_OVER_TEMPERATURE}
+OVER_TEMPERATURE = {
+    OdriveFirmware.V0_5: odrive_older_meanings.OVER_TEMPERATURE,
+    OdriveFirmware.V0_6: odrive_meanings.MOTOR_OVER_TEMPERATURE,
+}
 
 
 class OdriveDialect:
     """The frames of CANSimple, as the faults on the wire see them."""
 
     def is_heartbeat(self, message: can.Message) -> bool:
-        return message.arbitration_id & 0x1F == Command.HEARTBEAT
+        return message.arbitration_id & 0x1F == OdriveCommand.HEARTBEAT
 
     def jumped(self, message: can.Message) -> can.Message:
         """Encoder estimates one motor turn further on."""

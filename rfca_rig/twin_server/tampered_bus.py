@@ -8,7 +8,7 @@ from rfca_rig.codecs.moteus import FD_LENGTHS
 from rfca_rig.twin_server.faults import FaultPanel
 
 
-class Dialect(Protocol):
+class DriveDialect(Protocol):
     """What a fault must know of the drive's own frames."""
 
     def is_heartbeat(self, message: can.Message) -> bool: ...
@@ -31,7 +31,7 @@ class NoDialect:
 class TamperedBus(can.BusABC):
     """A bus for the twin; what the panel says happens to the frames that pass."""
 
-    def __init__(self, end: can.BusABC, panel: FaultPanel, dialect: Dialect) -> None:
+    def __init__(self, end: can.BusABC, panel: FaultPanel, dialect: DriveDialect) -> None:
         super().__init__(channel=end.channel_info)
         self.channel_info = end.channel_info
         self._end = end

@@ -9,7 +9,7 @@ from rfca_rig.codecs.netbox_status import SATURATED
 from rfca_rig.codecs.rdt import RECORD_BYTES, RdtCommand, Records, decode_records, decode_request, encode_records, encode_request
 from rfca_rig.twin_server.faults import FaultPanel
 from rfca_rig.twin_server.udp_link import STARTS
-from rfca_rig.twins.datagram_link import Link
+from rfca_rig.twins.datagram_link import DatagramLink
 
 EVERY = 10
 
@@ -17,7 +17,7 @@ EVERY = 10
 class TamperedLink:
     """A link for the twin; what the panel says happens to its datagrams on the way."""
 
-    def __init__(self, link: Link, panel: FaultPanel) -> None:
+    def __init__(self, link: DatagramLink, panel: FaultPanel) -> None:
         self._link = link
         self._panel = panel
         self._sent = 0

@@ -6,7 +6,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.ati_serial import END, LARGEST_COUNT, LINE_END, PROMPT, Command, Record, RecordForm, encode_record
+from rfca_rig.codecs.ati_serial import END, LARGEST_COUNT, LINE_END, PROMPT, AtiCommand, AtiRecord, RecordForm, encode_record
 from rfca_rig.twins.serial_line import SerialLine
 from rfca_rig.twins.ticks import Ticks
 
@@ -86,18 +86,18 @@ class AtiSerialTwin:
             self._line.write(PROMPT)
 
     def _obey(self, command: bytes) -> None:
-        if command in {Command.ASCII, Command.BINARY}:
-            self._binary = command == Command.BINARY
-        elif command in {Command.CHECKSUM_ON, Command.CHECKSUM_OFF}:
-            self._with_checksum = command == Command.CHECKSUM_ON
-        elif command in {Command.QUERY_STREAM, Command.QUERY_RECORD}:
-            self._streaming = command == Command.QUERY_STREAM
-            self._one_wanted = command == Command.QUERY_RECORD
-        elif command == Command.BIAS:
+        if command in {AtiCommand.ASCII, AtiCommand.BINARY}:
+            self._binary = command == AtiCommand.BINARY
+        elif command in {AtiCommand.CHECKSUM_ON, AtiCommand.CHECKSUM_OFF}:
+            self._with_checksum = command == AtiCommand.CHECKSUM_ON
+        elif command in {AtiCommand.QUERY_STREAM, AtiCommand.QUERY_RECORD}:
+            self._streaming = command == AtiCommand.QUERY_STREAM
+            self._one_wanted = command == AtiCommand.QUERY_RECORD
+        elif command == AtiCommand.BIAS:
             self._bias_wanted = True
-        elif command == Command.UNBIAS:
+        elif command == AtiCommand.UNBIAS:
             self._biases = self._biases[:-1]
-        elif command == Command.UNBIAS_ALL:
+        elif command == AtiCommand.UNBIAS_ALL:
             self._biases = []
 
     def due(self, to_s: float) -> Floats:
@@ -130,4 +130,4 @@ class AtiSerialTwin:
         bias = self._biases[-1] if self._biases else np.zeros(6)
         counts = np.clip(np.rint((within - bias) * self._counts_per_unit), -LARGEST_COUNT, LARGEST_COUNT).astype(int)
         for error, (fx, fy, fz, tx, ty, tz) in zip(saturated.tolist(), counts.tolist(), strict=True):
-            self._line.write(encode_record(Record(int(error), (fx, fy, fz, tx, ty, tz)), self.form))
+            self._line.write(encode_record(AtiRecord(int(error), (fx, fy, fz, tx, ty, tz)), self.form))

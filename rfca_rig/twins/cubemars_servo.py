@@ -6,7 +6,7 @@ from math import degrees, floor, radians, remainder, tau
 import can
 
 from rfca_rig.codecs import cubemars_servo
-from rfca_rig.codecs.cubemars_servo import Message, Origin, Status
+from rfca_rig.codecs.cubemars_servo import Message, OriginMode, Status
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.odrive_messages import ControlMode
 from rfca_rig.twins.encoder import Encoder
@@ -89,7 +89,7 @@ class CubemarsServoTwin:
             case cubemars_servo.SetCurrent():
                 self._push(order.current_A)
             case cubemars_servo.SetOrigin():
-                self._origin_wanted = order.origin != Origin.FACTORY
+                self._origin_wanted = order.origin != OriginMode.FACTORY
             case cubemars_servo.SetSpeed():
                 self._turn(ControlMode.VELOCITY, speed_rad_s=order.speed_erpm / self._erpm_s_per_rad)
             case cubemars_servo.SetPosition():

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.ati_calibration import GAGES, Calibration
+from rfca_rig.codecs.ati_calibration import GAGES, TransducerCalibration
 from rfca_rig.codecs.gage_block import GageBlock
 from rfca_rig.twins.ticks import Ticks
 
@@ -45,7 +45,7 @@ class _Store:
 class DaqFtTwin:
     """Is itself what a driver reads voltages from. Brought forward step by step by a world: `due`, then `measured`."""
 
-    def __init__(self, calibration: Calibration, settings: DaqFtTwinSettings, random: np.random.Generator) -> None:
+    def __init__(self, calibration: TransducerCalibration, settings: DaqFtTwinSettings, random: np.random.Generator) -> None:
         self._calibration = calibration
         self._settings = settings
         self._random = random

@@ -6,7 +6,7 @@ from typing import Protocol
 from rfca_rig.errors import DeviceError
 
 
-class Link(Protocol):
+class DatagramLink(Protocol):
     """What a twin asks of its end, here or on a network."""
 
     def send(self, datagram: bytes) -> None: ...

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.netbox_status import SATURATED
 from rfca_rig.codecs.rdt import MOST_RECORDS, RECORD_BYTES, RdtCommand, Records, Request, decode_request, encode_records
-from rfca_rig.twins.datagram_link import Link
+from rfca_rig.twins.datagram_link import DatagramLink
 from rfca_rig.twins.ticks import Ticks
 
 Floats = NDArray[np.float64]
@@ -50,7 +50,7 @@ class NetFtTwin:
     listens to a stream, so that `latest` is of now.
     """
 
-    def __init__(self, link: Link, settings: NetFtTwinSettings, random: np.random.Generator) -> None:
+    def __init__(self, link: DatagramLink, settings: NetFtTwinSettings, random: np.random.Generator) -> None:
         self._link = link
         self._settings = settings
         self._random = random

@@ -7,8 +7,8 @@ import numpy as np
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.netft_commands import (
     CalibrationInfo,
+    NetFtReading,
     ReadCalibrationInfo,
-    Reading,
     decode_command,
     encode_calibration,
     encode_reading,
@@ -80,7 +80,7 @@ class NetFtBoxTwin:
         counts, status = self._streaming.latest()
         scaled = np.rint(counts / np.array(self._scale_factors()))
         small = np.clip(scaled, -LARGEST_READING - 1, LARGEST_READING).astype(int)
-        return encode_reading(Reading(status >> 16, tuple(small.tolist())))
+        return encode_reading(NetFtReading(status >> 16, tuple(small.tolist())))
 
     def _calibration_info(self) -> CalibrationInfo:
         says = self.configuration

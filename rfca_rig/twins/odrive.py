@@ -9,7 +9,17 @@ from numpy.typing import NDArray
 
 from rfca_rig.codecs import cansimple, odrive_meanings, odrive_messages, odrive_older_meanings
 from rfca_rig.codecs.malformed import MalformedFrame
-from rfca_rig.codecs.odrive_messages import AxisState, Command, ControlMode, Dialect, Heartbeat, Message, Part, PartError, Version
+from rfca_rig.codecs.odrive_messages import (
+    AxisState,
+    ControlMode,
+    Heartbeat,
+    Message,
+    OdriveCommand,
+    OdriveFirmware,
+    OdrivePart,
+    PartError,
+    Version,
+)
 from rfca_rig.twins.encoder import Encoder
 from rfca_rig.twins.motor import moments_between
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
@@ -21,8 +31,8 @@ Floats = NDArray[np.float64]
 
 DISARMED = 3  # procedure result
 FIRMWARE = Version(firmware=(0, 6, 10), hardware=(4, 4, 58))
-WATCHDOG_EXPIRED = {Dialect.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, Dialect.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
-ESTOP_REQUESTED = {Dialect.V0_5: odrive_older_meanings.ESTOP_REQUESTED, Dialect.V0_6: odrive_meanings.ESTOP_REQUESTED}
+WATCHDOG_EXPIRED = {OdriveFirmware.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, OdriveFirmware.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
+ESTOP_REQUESTED = {OdriveFirmware.V0_5: odrive_older_meanings.ESTOP_REQUESTED, OdriveFirmware.V0_6: odrive_meanings.ESTOP_REQUESTED}
 
 
 @dataclass(frozen=True)
@@ -43,7 +53,7 @@ class OdriveTwinSettings:
     encoder_period_s: float = 1e-3
     heartbeat_period_s: float = 0.1
     arming_error: int = 0
-    dialect: Dialect = Dialect.V0_6
+    dialect: OdriveFirmware = OdriveFirmware.V0_6
     torque_constant_Nm_per_A: float = 0.5
     warming: Warming = field(default_factory=Warming)
     temperature_period_s: float | None = 0.5
@@ -65,7 +75,7 @@ class OdriveTwin:
         self._wanted = SetPoint()
         self._state = AxisState.IDLE
         self._error = 0
-        self._part_errors: dict[Part, int] = {}
+        self._part_errors: dict[OdrivePart, int] = {}
         self._result = 0
         self._fed_s = 0.0
         self._restarts = False
@@ -88,7 +98,7 @@ class OdriveTwin:
         return cansimple.node_of(arbitration_id) in {self._settings.node_id, odrive_messages.BROADCAST_NODE}
 
     def _take(self, message: can.Message) -> None:
-        if message.is_remote_frame or (message.dlc == 0 and self._settings.dialect == Dialect.V0_5):
+        if message.is_remote_frame or (message.dlc == 0 and self._settings.dialect == OdriveFirmware.V0_5):
             self._answer(message.arbitration_id & 0x1F)
         if message.is_remote_frame:
             return
@@ -99,13 +109,13 @@ class OdriveTwin:
 
     def _answer(self, command: int) -> None:
         node = self._settings.node_id
-        if self._settings.dialect == Dialect.V0_5:
+        if self._settings.dialect == OdriveFirmware.V0_5:
             self._answer_as_older(command)
-        elif command == Command.VERSION:
+        elif command == OdriveCommand.VERSION:
             self._send(cansimple.version(node, FIRMWARE))
-        elif command == Command.HEARTBEAT:
+        elif command == OdriveCommand.HEARTBEAT:
             self._send(cansimple.heartbeat(node, self._beat()))
-        elif command == Command.ERRORS:
+        elif command == OdriveCommand.ERRORS:
             self._send(cansimple.errors(node, odrive_messages.ErrorReport(self._error, self._error)))
 
     def _answer_as_older(self, command: int) -> None:
@@ -138,8 +148,8 @@ class OdriveTwin:
             self._fail_for_want_of_a_number()
 
     def _fail_for_want_of_a_number(self) -> None:
-        if self._settings.dialect == Dialect.V0_5:
-            self.fail_part(Part.MOTOR, odrive_older_meanings.MODULATION_IS_NAN)
+        if self._settings.dialect == OdriveFirmware.V0_5:
+            self.fail_part(OdrivePart.MOTOR, odrive_older_meanings.MODULATION_IS_NAN)
         else:
             self.fail(odrive_meanings.MISSING_INPUT)
 
@@ -163,7 +173,7 @@ class OdriveTwin:
         self._part_errors.clear()
         self._wanted, self._restarts = SetPoint(), True
 
-    def fail_part(self, part: Part, error: int) -> None:
+    def fail_part(self, part: OdrivePart, error: int) -> None:
         """An error of one part, as firmware 0.5 has it: the axis' own error word may stay zero."""
         self._part_errors[part] = self._part_errors.get(part, 0) | error
         self.fail(0)
@@ -193,14 +203,14 @@ class OdriveTwin:
 
     def _report_temperature(self, now_s: float) -> None:
         settings = self._settings
-        if settings.temperature_period_s is not None and settings.dialect == Dialect.V0_6:
+        if settings.temperature_period_s is not None and settings.dialect == OdriveFirmware.V0_6:
             for _ in self._temperature_ticks.until(now_s):
                 self._send(cansimple.temperatures(settings.node_id, settings.warming.air_degC, self.warmth.told_degC))
 
     def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
         node, rad = self._settings.node_id, self._rad_per_turn
         torque_Nm /= self._torque_ratio
-        if self._settings.dialect == Dialect.V0_5:
+        if self._settings.dialect == OdriveFirmware.V0_5:
             current_A = torque_Nm / self._settings.torque_constant_Nm_per_A
             self._send(cansimple.iq(node, current_A, current_A))
         else:
@@ -215,7 +225,7 @@ class OdriveTwin:
         self._bus.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False))
 
     @property
-    def dialect(self) -> Dialect:
+    def dialect(self) -> OdriveFirmware:
         return self._settings.dialect
 
     @property

@@ -37,7 +37,7 @@ class ShaftState:
     torque_Nm: float
 
 
-class Plant(Protocol):
+class TwinPlant(Protocol):
     """Leg, rack and ground: moved by the motor twin, felt by the sensor twin."""
 
     def advance(self, to_s: float, drive: ShaftDrive, force_times_s: Floats) -> Floats:

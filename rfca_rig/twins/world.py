@@ -3,7 +3,7 @@
 from math import ceil
 
 from rfca_rig.twins.motor import MotorTwin
-from rfca_rig.twins.plant import Plant
+from rfca_rig.twins.plant import TwinPlant
 from rfca_rig.twins.sensor import SensorTwin
 
 LONGEST_STEP_S = 2e-3
@@ -19,7 +19,7 @@ class TwinWorld:
     are the plant's own.
     """
 
-    def __init__(self, plant: Plant, motor: MotorTwin, sensor: SensorTwin, longest_step_s: float = LONGEST_STEP_S) -> None:
+    def __init__(self, plant: TwinPlant, motor: MotorTwin, sensor: SensorTwin, longest_step_s: float = LONGEST_STEP_S) -> None:
         self._plant = plant
         self._motor = motor
         self._sensor = sensor

@@ -10,7 +10,7 @@ READY, FAILED = "ready", "failed"
 
 
 @dataclass(frozen=True)
-class Assignment:
+class ViewAssignment:
     """Which run to show, and where; port 0 is any that is free. `clock` is that of the run's queue: both read the machine's."""
 
     facts: RunFacts

@@ -19,7 +19,7 @@ UM = 6  # decimals of a metre
 
 
 @dataclass(frozen=True)
-class Moment:
+class LegMoment:
     """What is known of the leg at one moment. `planned_rad` is where the shaft should be, `hinge_deg` (6,) what a photo showed."""
 
     scene: Scene
@@ -75,7 +75,7 @@ class Legs:
             except RigError:
                 continue
 
-    def message(self, moment: Moment) -> dict[str, object] | None:
+    def message(self, moment: LegMoment) -> dict[str, object] | None:
         """As the page takes it; None where nobody knows what the leg is like, or where it hangs."""
         if self._rig is None or moment.scene.height_m is None:
             return None
@@ -91,7 +91,7 @@ class Legs:
             "force": None if moment.force_N is None else [round(value, 3) for value in moment.force_N],
         }
 
-    def _leg(self, rig: RigModel, moment: Moment) -> tuple[Floats, str]:
+    def _leg(self, rig: RigModel, moment: LegMoment) -> tuple[Floats, str]:
         if self._shapes is None:
             lengths_m = np.array(rig.leg.link_lengths_m)
             return leg_points(np.full(len(lengths_m), moment.shaft_rad), lengths_m), STRAIGHT

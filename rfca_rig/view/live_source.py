@@ -13,9 +13,9 @@ from rfca_rig.clock import Clock
 from rfca_rig.engine.stop_request import StopLevel
 from rfca_rig.protocol.check import Load
 from rfca_rig.recording.block_queue import BlockQueue
-from rfca_rig.recording.journal import Block, Kind, whole_blocks
+from rfca_rig.recording.journal import BlockKind, JournalBlock, whole_blocks
 from rfca_rig.view.gauges import Gauges
-from rfca_rig.view.leg_pose import Legs, Moment
+from rfca_rig.view.leg_pose import LegMoment, Legs
 from rfca_rig.view.live_health import LiveHealth
 from rfca_rig.view.messages import CHANNELS, WRENCH, Message, hanging_deg, hello
 from rfca_rig.view.progress import Progress
@@ -105,9 +105,9 @@ class LiveSource:
         if not self.is_over:
             self._end(SILENT_END, "", self._clock.now_s())
 
-    def _take(self, kind: Kind, blocks: Sequence[Block]) -> float:
+    def _take(self, kind: BlockKind, blocks: Sequence[JournalBlock]) -> float:
         """Blocks of one kind in a row; returns when the first of them was handed over, for ticks."""
-        if kind is Kind.SAMPLES:
+        if kind is BlockKind.SAMPLES:
             ticks = ticks_of(blocks)
             self._samples(ticks)
             return float(ticks.wall_s[0])
@@ -183,4 +183,4 @@ class LiveSource:
         """None where nothing is known yet."""
         if self._shaft_rad is None:
             return None
-        return self._legs.message(Moment(self._scene, self._shaft_rad, self._target_rad, force_N=self._force_N))
+        return self._legs.message(LegMoment(self._scene, self._shaft_rad, self._target_rad, force_N=self._force_N))

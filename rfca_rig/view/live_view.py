@@ -10,7 +10,7 @@ from rfca_rig.errors import BadInput, RigError
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.view.access_token import new_token
-from rfca_rig.view.assignment import MODULE, READY, Assignment
+from rfca_rig.view.assignment import MODULE, READY, ViewAssignment
 from rfca_rig.view.run_facts import RunFacts
 from rfca_rig.view.run_queue import RunQueue, Vitals
 
@@ -55,7 +55,7 @@ class LiveView:
         self._queue = BlockQueue.create(QUEUE_BYTES)
         self.run_queue = RunQueue(self._queue, plan.stages, stop_request, clock, vitals, told)
         try:
-            self._process, self._child = subprocesses.started(MODULE, Assignment(facts, self._queue.name, clock, port, token))
+            self._process, self._child = subprocesses.started(MODULE, ViewAssignment(facts, self._queue.name, clock, port, token))
         except OSError as error:
             self._queue.remove()
             raise RigError(f"the view cannot be started: {error}") from error

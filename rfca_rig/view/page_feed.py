@@ -22,7 +22,7 @@ class Feed(Protocol):
         ...
 
 
-class Source(Protocol):
+class FeedSource(Protocol):
     """Where the feeds of any number of pages come from."""
 
     def hello(self) -> Message: ...

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rfca_rig.view.decimation import Extrema, Floats
-from rfca_rig.view.leg_pose import Legs, Moment
+from rfca_rig.view.leg_pose import LegMoment, Legs
 from rfca_rig.view.messages import CHANNELS, Message
-from rfca_rig.view.segment import Clip, Samples
+from rfca_rig.view.segment import Clip, StageSamples
 
 KEPT_BYTES = 200 << 20
 LATELY_S = 0.2
@@ -23,9 +23,9 @@ class Player:
         self.duration_s = clips[-1].end_s if clips else 0.0
         self._legs = legs
         self._begins_s = [clip.begin_s for clip in clips]
-        self._loaded: OrderedDict[int, Samples] = OrderedDict()
+        self._loaded: OrderedDict[int, StageSamples] = OrderedDict()
 
-    def _samples(self, place: int) -> Samples:
+    def _samples(self, place: int) -> StageSamples:
         if place in self._loaded:
             self._loaded.move_to_end(place)
             return self._loaded[place]
@@ -58,9 +58,9 @@ class Player:
         planned_rad = None if clip.planned_rad is None else clip.planned_rad(t_s - clip.rest_s)
         fy_N, fz_N = samples.value_at("fy_N", t_s), samples.value_at("fz_N", t_s)
         force_N = None if fy_N is None or fz_N is None else (fy_N, fz_N)
-        return self._legs.message(Moment(clip.scene, shaft_rad, planned_rad, clip.hinge_deg, force_N))
+        return self._legs.message(LegMoment(clip.scene, shaft_rad, planned_rad, clip.hinge_deg, force_N))
 
-    def _at(self, at_s: float) -> tuple[Clip, Samples, float]:
+    def _at(self, at_s: float) -> tuple[Clip, StageSamples, float]:
         """The clip, its samples, and the time since its first."""
         place = self.place_at(at_s)
         clip = self.clips[place]

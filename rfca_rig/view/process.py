@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection
 from rfca_rig.clock import WallClock
 from rfca_rig.errors import RigError
 from rfca_rig.recording.block_queue import BlockQueue
-from rfca_rig.view.assignment import FAILED, READY, Assignment
+from rfca_rig.view.assignment import FAILED, READY, ViewAssignment
 from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.live_feed import LiveRun
 from rfca_rig.view.live_source import LiveSource
@@ -32,7 +32,7 @@ def show(parent: Connection) -> None:
     """Takes its assignment from the parent, says (READY, port) or (FAILED, why), and shows the run, until a while after the parent left."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _stand_back()
-    assignment: Assignment = parent.recv()
+    assignment: ViewAssignment = parent.recv()
     try:
         listening = bound(assignment.port)
         queue = BlockQueue.attach(assignment.queue_name)
@@ -63,7 +63,7 @@ def _stand_back() -> None:
         os.dup2(nowhere, stream.fileno())
 
 
-async def _serve(run: LiveRun, assignment: Assignment, parent: Connection, listening: socket.socket) -> None:
+async def _serve(run: LiveRun, assignment: ViewAssignment, parent: Connection, listening: socket.socket) -> None:
     patience = Patience(assignment.clock)
     loop = asyncio.get_running_loop()
 

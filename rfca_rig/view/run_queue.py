@@ -15,7 +15,7 @@ from rfca_rig.engine.stop_request import StopLevel, StopRequest
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.block_queue import BlockQueue
-from rfca_rig.recording.journal import Block, Kind, framed
+from rfca_rig.recording.journal import BlockKind, JournalBlock, framed
 from rfca_rig.view.tick_block import Stamp, tick_block
 
 VITALS_EVERY_S = 0.25
@@ -90,7 +90,7 @@ class RunQueue:
         self._settle()
 
     def _say(self, word: Mapping[str, object]) -> None:
-        self._owed.append(framed(Block(Kind.EVENT, json.dumps({**word, "wall_s": self._clock.now_s()}).encode())))
+        self._owed.append(framed(JournalBlock(BlockKind.EVENT, json.dumps({**word, "wall_s": self._clock.now_s()}).encode())))
         self._settle()
 
     def _settle(self) -> bool:

@@ -31,7 +31,7 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Samples:
+class StageSamples:
     """All of a stage. `shaft_rad` (m, 2) times and angles as recorded; `sizes` (m, 3) times, force, moment; either may be empty."""
 
     tracks: Sequence[Track]
@@ -77,7 +77,7 @@ class Clip:
     duration_s: float
     rest_s: float
     scene: Scene
-    load: Callable[[], Samples] = field(repr=False)
+    load: Callable[[], StageSamples] = field(repr=False)
     planned_rad: Callable[[float], float] | None = field(default=None, repr=False)
     hinge_deg: Floats | None = None
 
@@ -86,12 +86,12 @@ class Clip:
         return self.begin_s + self.duration_s
 
 
-def samples_of(streams: Mapping[str, Stream]) -> Samples:
+def samples_of(streams: Mapping[str, Stream]) -> StageSamples:
     """The streams of a recorded stage."""
     used = [stream for stream in streams.values() if len(stream.t_s)]
     zero_s = min((float(stream.t_s.min()) for stream in used), default=0.0)
     tracks = [track for stream in used if (track := _track(stream, zero_s)) is not None]
-    return Samples(tracks, _shaft(used, zero_s), _sizes(used, zero_s))
+    return StageSamples(tracks, _shaft(used, zero_s), _sizes(used, zero_s))
 
 
 def _track(stream: Stream, zero_s: float) -> Track | None:

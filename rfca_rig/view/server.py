@@ -19,7 +19,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from rfca_rig.trip_codes import Trip
 from rfca_rig.view.admission import POLICY, Admission
 from rfca_rig.view.messages import Message
-from rfca_rig.view.page_feed import Feed, Source
+from rfca_rig.view.page_feed import Feed, FeedSource
 
 STATIC = Path(__file__).with_name("static")
 TRIPS = (Path(__file__).parents[2] / "docs" / "trips", Path(__file__).parents[1] / "shipped" / "docs" / "trips")
@@ -47,7 +47,7 @@ class Beats:
 class Pages:
     """Those that are open."""
 
-    def __init__(self, source: Source, beats: Beats) -> None:
+    def __init__(self, source: FeedSource, beats: Beats) -> None:
         self._source = source
         self._beats = beats
         self.open = 0

@@ -9,7 +9,7 @@ import uvicorn
 
 from rfca_rig.errors import BadInput
 from rfca_rig.view.live_view import HOST
-from rfca_rig.view.page_feed import BEATS_HZ, Source
+from rfca_rig.view.page_feed import BEATS_HZ, FeedSource
 from rfca_rig.view.server import Beats, Pages, application
 
 CLOSED_WITHIN_S = 1
@@ -34,7 +34,7 @@ def port_of(listening: socket.socket) -> int:
     return int(listening.getsockname()[1])
 
 
-async def serve(source: Source, token: str, listening: socket.socket, ended: asyncio.Event, beat: Callable[[Pages], bool]) -> None:
+async def serve(source: FeedSource, token: str, listening: socket.socket, ended: asyncio.Event, beat: Callable[[Pages], bool]) -> None:
     """Serves pages until `beat`, called at every beat with those that are open, says False, or until `ended`."""
     beats = Beats()
     pages = Pages(source, beats)

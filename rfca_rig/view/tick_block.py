@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.engine.observer import Tick
-from rfca_rig.recording.journal import Block, Kind
+from rfca_rig.recording.journal import BlockKind, JournalBlock
 from rfca_rig.view.decimation import Floats, Numbers
 
 _HEAD = struct.Struct("<8dQII")
@@ -48,7 +48,7 @@ class SeenTicks:
     counts: NDArray[np.int32]
 
 
-def tick_block(tick: Tick, stamp: Stamp) -> Block:
+def tick_block(tick: Tick, stamp: Stamp) -> JournalBlock:
     """Microseconds: this is done within the control loop."""
     shaft, force, status = tick.shaft, tick.force, tick.status
     temperature_C = np.nan if status is None or status.temperature_C is None else status.temperature_C
@@ -67,10 +67,10 @@ def tick_block(tick: Tick, stamp: Stamp) -> Block:
     )
     columns = (shaft.host_s, shaft.device_s, shaft.angle_rad, shaft.speed_rad_s, shaft.torque_Nm, force.host_s, force.device_s)
     pieces = [column.tobytes() for column in columns]
-    return Block(Kind.SAMPLES, b"".join((head, *pieces, force.counts.tobytes())))
+    return JournalBlock(BlockKind.SAMPLES, b"".join((head, *pieces, force.counts.tobytes())))
 
 
-def ticks_of(blocks: Sequence[Block]) -> SeenTicks:
+def ticks_of(blocks: Sequence[JournalBlock]) -> SeenTicks:
     """At least one. Raises ValueError, struct.error where a block holds no tick."""
     heads, shafts, times, counts = [], [], [], []
     for block in blocks:

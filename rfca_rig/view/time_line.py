@@ -13,7 +13,7 @@ from rfca_rig.protocol.plan import Flap, Hold, Plan
 from rfca_rig.protocol.written_plan import plan_of
 from rfca_rig.recording.model import Column, StaticStage, Stream
 from rfca_rig.view.scenes import STATIC_SWEEP_DEG, Scene, Stroked, scenes
-from rfca_rig.view.segment import Clip, Samples, samples_of
+from rfca_rig.view.segment import Clip, StageSamples, samples_of
 
 PAUSE_S = 0.25
 HOLD_S = 1.0  # a static stage stays to be seen for no less
@@ -85,7 +85,7 @@ def _ramped(start_rad: float, speed_rad_s: float, ramp_s: float, t_s: float) -> 
     return start_rad + speed_rad_s * (t_s - 0.5 * ramp_s)
 
 
-def _loaded(stage: StoredStage) -> Samples:
+def _loaded(stage: StoredStage) -> StageSamples:
     return samples_of(stage.samples.whole())
 
 
@@ -113,7 +113,7 @@ def _hold_clip(stage: StaticStage, raw: StoredStage | None) -> Clip:
     )
 
 
-def _means(stage: StaticStage) -> Samples:
+def _means(stage: StaticStage) -> StageSamples:
     """As constant for as long as it is shown."""
     values: Mapping[str, float] = {
         "shaft_angle_rad": stage.shaft_angle_rad,

@@ -42,7 +42,7 @@ class Tolerances:
 
 
 @dataclass(frozen=True, order=True)
-class Assignment:
+class MarkAssignment:
     """What each planned mark is, as the number of a found one or -1 for missing; cost is squared misfit and what is missing."""
 
     cost: float
@@ -51,11 +51,11 @@ class Assignment:
 
 def assignments_within(
     margin: float, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances, most: int = MOST_STEPS
-) -> tuple[tuple[Assignment, ...], bool]:
+) -> tuple[tuple[MarkAssignment, ...], bool]:
     """All assignments that cost at most the margin more than the cheapest, and whether the search was finished."""
     planned = len(bounds.nearest_m) - 1
-    open_ones = [Assignment(0.0, ())]
-    done: list[Assignment] = []
+    open_ones = [MarkAssignment(0.0, ())]
+    done: list[MarkAssignment] = []
     for _ in range(most):
         if not open_ones or (done and open_ones[0].cost > done[0].cost + margin):
             return tuple(done), True
@@ -68,15 +68,15 @@ def assignments_within(
     return tuple(done), False
 
 
-def _one_longer(so_far: Assignment, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances) -> Iterator[Assignment]:
-    yield Assignment(so_far.cost + MISSING_COST, (*so_far.chosen, -1))
+def _one_longer(so_far: MarkAssignment, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances) -> Iterator[MarkAssignment]:
+    yield MarkAssignment(so_far.cost + MISSING_COST, (*so_far.chosen, -1))
     for found in range(len(candidates.places_m)):
         looks = candidates.looks_cost(found)
         if found in so_far.chosen or not np.isfinite(looks):
             continue
         misfit = _misfit(so_far.chosen, found, candidates, bounds, tolerances)
         if misfit is not None:
-            yield Assignment(so_far.cost + misfit + looks, (*so_far.chosen, found))
+            yield MarkAssignment(so_far.cost + misfit + looks, (*so_far.chosen, found))
 
 
 def _misfit(chosen: tuple[int, ...], found: int, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances) -> float | None:

@@ -32,27 +32,27 @@ class BoardPhoto:
 
 
 @dataclass(frozen=True)
-class Refused:
+class RefusedPhoto:
     """A photo that was left out, and why, in one line."""
 
     name: str
     why: str
 
 
-def find_board(image: NDArray[np.uint8], board: Board, name: str) -> BoardPhoto | Refused:
+def find_board(image: NDArray[np.uint8], board: Board, name: str) -> BoardPhoto | RefusedPhoto:
     """The corners in a picture (rows, columns[, 3]) uint8, or why it is of no use."""
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image, np.uint8)
     numbers, px = _corners(grey, board)
     found = f"{len(numbers)} of the board's {(board.columns - 1) * (board.rows - 1)} corners"
     if len(numbers) < FEWEST_CORNERS:
-        return Refused(name, f"shows {found}, {FEWEST_CORNERS} are needed: bring the board nearer, into light and focus")
+        return RefusedPhoto(name, f"shows {found}, {FEWEST_CORNERS} are needed: bring the board nearer, into light and focus")
     rows, columns = (len(np.unique(lines)) for lines in np.divmod(numbers, board.columns - 1))
     if min(rows, columns) < FEWEST_LINES:
-        return Refused(name, f"shows {found}, on {min(rows, columns)} line: bring more of the board into the picture")
+        return RefusedPhoto(name, f"shows {found}, on {min(rows, columns)} line: bring more of the board into the picture")
     edge_px, square_px = _edges(grey, board, numbers, px)
     limit_px = max(SOFTEST_EDGE * square_px, SHARP_EDGE_PX)
     if edge_px > limit_px:
-        return Refused(name, f"is blurred: edges {edge_px:.1f} px wide, at most {limit_px:.1f} px: hold the board still, focus")
+        return RefusedPhoto(name, f"is blurred: edges {edge_px:.1f} px wide, at most {limit_px:.1f} px: hold the board still, focus")
     return BoardPhoto(name, (grey.shape[1], grey.shape[0]), board.corners_m()[numbers], px, edge_px)
 
 

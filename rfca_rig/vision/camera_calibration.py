@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.vision.board_photo import BoardPhoto, Refused
+from rfca_rig.vision.board_photo import BoardPhoto, RefusedPhoto
 from rfca_rig.vision.camera_model import CameraModel
 
 Floats = NDArray[np.float64]
@@ -22,7 +22,7 @@ K3 = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class CameraCalibration:
     """`matrix` (3, 3), `distortion` (5,) = k1 k2 p1 p2 k3; `focal_std_px` and `centre_std_px` (2,) one standard deviation each.
 
     `error_px` is the root mean square distance of a corner from where the model puts it, over all `photos`; `errors_px` (n,) of each.
@@ -36,7 +36,7 @@ class Calibration:
     error_px: float
     photos: tuple[BoardPhoto, ...]
     errors_px: Floats
-    refused: tuple[Refused, ...]
+    refused: tuple[RefusedPhoto, ...]
 
     def covered_px(self) -> Floats:
         """Left, top, right, bottom (4,) of the part of the picture in which corners were seen; beyond it the lens is only supposed."""
@@ -48,13 +48,13 @@ class Calibration:
         return CameraModel(self.matrix, self.distortion, self.size_px, rotation, translation_m)
 
 
-def calibrate(found: Sequence[BoardPhoto | Refused]) -> Calibration:
+def calibrate(found: Sequence[BoardPhoto | RefusedPhoto]) -> CameraCalibration:
     """The camera that took the photos; those it cannot use are in `refused`.
 
     Raises BadInput where too few are left, or all of them show the board from one side, so that focal length and distance
     cannot be told apart.
     """
-    refused = [photo for photo in found if isinstance(photo, Refused)]
+    refused = [photo for photo in found if isinstance(photo, RefusedPhoto)]
     photos, other_size = _of_one_size([photo for photo in found if isinstance(photo, BoardPhoto)])
     refused += other_size
     _check_enough(photos, refused)
@@ -70,16 +70,16 @@ def calibrate(found: Sequence[BoardPhoto | Refused]) -> Calibration:
     return _calibration(photos, _fitted(photos), refused)
 
 
-def _of_one_size(photos: list[BoardPhoto]) -> tuple[list[BoardPhoto], list[Refused]]:
+def _of_one_size(photos: list[BoardPhoto]) -> tuple[list[BoardPhoto], list[RefusedPhoto]]:
     """Those of the size that most have, and the others."""
     sizes = [photo.size_px for photo in photos]
     usual = max(sizes, key=sizes.count, default=(0, 0))
     why = "is {0[0]} x {0[1]} pixels, the others {1[0]} x {1[1]}: take all with one setting of the camera, held one way"
-    others = [Refused(photo.name, why.format(photo.size_px, usual)) for photo in photos if photo.size_px != usual]
+    others = [RefusedPhoto(photo.name, why.format(photo.size_px, usual)) for photo in photos if photo.size_px != usual]
     return [photo for photo in photos if photo.size_px == usual], others
 
 
-def _check_enough(photos: Sequence[BoardPhoto], refused: Sequence[Refused]) -> None:
+def _check_enough(photos: Sequence[BoardPhoto], refused: Sequence[RefusedPhoto]) -> None:
     if len(photos) < FEWEST_PHOTOS:
         first = f"; {refused[0].name} {refused[0].why}" if refused else ""
         raise BadInput(f"{len(photos)} usable photos of the board, {FEWEST_PHOTOS} are needed, 15 are good; {len(refused)} refused{first}")
@@ -141,18 +141,18 @@ def _numbers(given: Any) -> Floats:
     return np.asarray(given, np.float64).ravel()
 
 
-def _odd(photos: Sequence[BoardPhoto], errors_px: Floats) -> list[Refused]:
+def _odd(photos: Sequence[BoardPhoto], errors_px: Floats) -> list[RefusedPhoto]:
     limit_px = max(ODD_PHOTO * float(np.median(errors_px)), GOOD_ERROR_PX)
     why = "its corners lie {:.2f} px off, those of the others {:.2f} px: the board was bent, moved or another one"
     return [
-        Refused(photo.name, why.format(error_px, float(np.median(errors_px))))
+        RefusedPhoto(photo.name, why.format(error_px, float(np.median(errors_px))))
         for photo, error_px in zip(photos, errors_px, strict=True)
         if error_px > limit_px
     ]
 
 
-def _calibration(photos: Sequence[BoardPhoto], fit: _Fit, refused: Sequence[Refused]) -> Calibration:
-    return Calibration(
+def _calibration(photos: Sequence[BoardPhoto], fit: _Fit, refused: Sequence[RefusedPhoto]) -> CameraCalibration:
+    return CameraCalibration(
         size_px=photos[0].size_px,
         matrix=fit.matrix,
         distortion=fit.distortion,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.vision.assignment import Assignment, Candidates, Tolerances, assignments_within
+from rfca_rig.vision.assignment import Candidates, MarkAssignment, Tolerances, assignments_within
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.chain_bounds import ChainBounds, chain_bounds
 from rfca_rig.vision.leg_marks import MarkPlan
@@ -102,12 +102,12 @@ def _refused(marks: Sequence[Mark], plan: MarkPlan, words: str) -> Identified:
     return Identified((None,) * len(plan.marks), tuple(marks), (Doubt("refused", None, words),))
 
 
-def _doubtful(best: Assignment, all_ones: Sequence[Assignment]) -> frozenset[int]:
+def _doubtful(best: MarkAssignment, all_ones: Sequence[MarkAssignment]) -> frozenset[int]:
     """Planned marks that some other assignment within the margin has otherwise."""
     return frozenset(i for other in all_ones for i, (a, b) in enumerate(zip(best.chosen, other.chosen, strict=True)) if a != b)
 
 
-def _loose(best: Assignment, doubtful: frozenset[int], bounds: ChainBounds) -> list[int]:
+def _loose(best: MarkAssignment, doubtful: frozenset[int], bounds: ChainBounds) -> list[int]:
     """Marks of runs that no known length ties to the shaft, unless a run is so long that chance does not make it."""
     told = [i for i, found in enumerate(best.chosen) if found >= 0 and i not in doubtful]
     runs: list[list[int]] = [[-1]]
@@ -117,14 +117,14 @@ def _loose(best: Assignment, doubtful: frozenset[int], bounds: ChainBounds) -> l
     return [i for run in runs[1:] if len(run) < SURE_RUN for i in run]
 
 
-def _odd_sized(best: Assignment, candidates: Candidates, marks: Sequence[Mark]) -> list[int]:
+def _odd_sized(best: MarkAssignment, candidates: Candidates, marks: Sequence[Mark]) -> list[int]:
     """Whole marks that differ from the leg's others in size: focus and exposure change all alike."""
     seen = [(i, found) for i, found in enumerate(best.chosen) if found >= 0]
     usual = float(np.median([candidates.log_size[found] for _, found in seen]))
     return [i for i, found in seen if marks[found].whole and abs(candidates.log_size[found] - usual) > ODD_SIZE]
 
 
-def _told(marks: Sequence[Mark], best: Assignment, reasons: dict[int, str], plan: MarkPlan, nearly: dict[int, str]) -> Identified:
+def _told(marks: Sequence[Mark], best: MarkAssignment, reasons: dict[int, str], plan: MarkPlan, nearly: dict[int, str]) -> Identified:
     told = tuple(marks[found] if found >= 0 and i not in reasons else None for i, found in enumerate(best.chosen))
     doubts = [Doubt("ambiguous", i, f"{plan.name(i)}: {words}") for i, words in sorted(reasons.items())]
     for i, found in enumerate(best.chosen):
@@ -136,7 +136,7 @@ def _told(marks: Sequence[Mark], best: Assignment, reasons: dict[int, str], plan
     return Identified(told, extra, tuple(doubts))
 
 
-def _nearly(best: Assignment, candidates: Candidates, bounds: ChainBounds, plan: MarkPlan) -> dict[int, str]:
+def _nearly(best: MarkAssignment, candidates: Candidates, bounds: ChainBounds, plan: MarkPlan) -> dict[int, str]:
     """For missing marks, how far off the nearest unused red mark is from where the neighbour allows one."""
     unused = [n for n in range(len(candidates.places_m)) if n not in best.chosen]
     said = {}

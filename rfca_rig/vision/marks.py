@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.vision.outline import Outline, Shape, fit_outline, likely_circle
+from rfca_rig.vision.outline import MarkOutline, Shape, fit_outline, likely_circle
 from rfca_rig.vision.red_mask import Patch, Pixels, red_patches, redness, rim_picture, whiteness
 from rfca_rig.vision.rim import GLARE, SMOOTHING_PX, Rays, beside_glare, cast, levels, rim_points, spill, turned_away
 
@@ -91,7 +91,7 @@ def _cutout(image: Pixels, patch: Patch, diameter_px: float) -> _Cutout:
     return _Cutout(rims, red, white, corner, np.stack([BORDER_PX - corner, last - BORDER_PX - corner]))
 
 
-def _first_look(cutout: _Cutout, patch: Patch, radius_px: float) -> Outline | None:
+def _first_look(cutout: _Cutout, patch: Patch, radius_px: float) -> MarkOutline | None:
     """The patch's outline, whatever its shape; its middle in the cutout."""
     points, _ = _rim(cutout, np.array(patch.middle_px) - cutout.corner_px, radius_px)
     circle = likely_circle(points, radius_px, SIZE_SPREAD, np.random.default_rng(0))
@@ -100,7 +100,7 @@ def _first_look(cutout: _Cutout, patch: Patch, radius_px: float) -> Outline | No
     return _measured(cutout, circle[:2], Shape(float(circle[2])))
 
 
-def _measured(cutout: _Cutout, middle: Floats, shape: Shape) -> Outline | None:
+def _measured(cutout: _Cutout, middle: Floats, shape: Shape) -> MarkOutline | None:
     points, rays = _rim(cutout, middle, shape.radius_px, square=True)
     return fit_outline(points, middle, shape, len(rays.directions)) if len(points) else None
 
@@ -118,7 +118,7 @@ def _rim(cutout: _Cutout, middle: Floats, radius_px: float, square: bool = False
     return points.px[~spoilt], rays
 
 
-def _shared_shape(found: Sequence[Outline], radius_px: float) -> Shape:
+def _shared_shape(found: Sequence[MarkOutline], radius_px: float) -> Shape:
     """The middle value of the whole marks' shapes, believed to a few per cent; the expected one where hardly any mark is whole."""
     whole = [outline for outline in found if outline.seen >= WHOLE]
     if len(whole) < 3:
@@ -127,7 +127,7 @@ def _shared_shape(found: Sequence[Outline], radius_px: float) -> Shape:
     return Shape(float(np.median([outline.radius_px for outline in whole])), (float(bend[0]), float(bend[1])), 0.04, 0.006)
 
 
-def _mark(cutout: _Cutout, found: Outline, shape: Shape) -> Mark | None:
+def _mark(cutout: _Cutout, found: MarkOutline, shape: Shape) -> Mark | None:
     outline = _measured(cutout, found.middle_px, shape)
     if outline is None:
         return None

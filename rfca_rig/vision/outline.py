@@ -27,7 +27,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Outline:
+class MarkOutline:
     """Middle (2,) px with its covariance (2, 2) px2, radius px, bend (2,), and the share of the rim that lies on the outline."""
 
     middle_px: Floats
@@ -63,7 +63,7 @@ def _through(triples: Floats) -> Floats:
     return np.column_stack([first[:, 0] + x, first[:, 1] + y, np.hypot(x, y)])
 
 
-def fit_outline(points: Floats, start_px: Floats, shape: Shape, rays: int) -> Outline | None:
+def fit_outline(points: Floats, start_px: Floats, shape: Shape, rays: int) -> MarkOutline | None:
     """The outline through those of the points (n, 2) px that lie on one, started from a middle; None where too few do.
 
     Weights by Tukey's biweight; the shape enters as what is known beforehand, so that half a rim still gives a middle.
@@ -83,7 +83,7 @@ def fit_outline(points: Floats, start_px: Floats, shape: Shape, rays: int) -> Ou
         values = values + np.linalg.solve(information, pull)
     seen = min(1.0, float((weights > 0.2).sum()) / rays)
     covariance = np.asarray(np.linalg.inv(information)[:2, :2], np.float64)
-    return Outline(values[:2], covariance, float(values[2]), (float(values[3]), float(values[4])), seen)
+    return MarkOutline(values[:2], covariance, float(values[2]), (float(values[3]), float(values[4])), seen)
 
 
 def _misses(points: Floats, values: Floats) -> tuple[Floats, Floats]:

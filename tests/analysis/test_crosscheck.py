@@ -24,13 +24,13 @@ from rfca_rig.cli.commands.crosscheck import crosscheck
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.chain import at_rest, chain_of
 from rfca_rig.model.stroke import stroke_at_speed
-from rfca_rig.protocol.experiments import Condition
+from rfca_rig.protocol.experiments import PlannedCondition
 from rfca_rig.report.crosscheck_picture import write_crosscheck_picture
 from tests.model.legs import PAPER
 
 needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason='MuJoCo is not installed: pip install "rfca-rig[crosscheck]"')
 
-PAPERS = (Condition(0.215, 2.433), Condition(0.215, 3.249), Condition(0.235, 2.478), Condition(0.235, 3.276))
+PAPERS = (PlannedCondition(0.215, 2.433), PlannedCondition(0.215, 3.249), PlannedCondition(0.235, 2.478), PlannedCondition(0.235, 3.276))
 QUICK = PAPERS[3]
 SWEEP_DEG = 200.0
 COARSE_S = 5e-5
@@ -186,7 +186,7 @@ def test_a_step_too_long_is_told_in_one_line_and_leaves_nothing_behind(tmp_path,
 @pytest.mark.parametrize("height_m, reason", [(0.4, "never touches"), (0.05, "lies on the ground")])
 def test_a_stroke_that_has_no_contact_of_its_own_is_refused(height_m, reason):
     with pytest.raises(BadInput, match=reason):
-        check_condition(PAPER, Condition(height_m, 3.276), SWEEP_DEG)
+        check_condition(PAPER, PlannedCondition(height_m, 3.276), SWEEP_DEG)
 
 
 @needs_mujoco

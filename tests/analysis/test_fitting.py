@@ -13,9 +13,9 @@ from rfca_rig.analysis.fitting.errors_of_fit import covariance_of
 from rfca_rig.analysis.fitting.fit import Search, fit
 from rfca_rig.analysis.fitting.model_file import write_model_file
 from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed, space_of
-from rfca_rig.analysis.fitting.residuals import Window, problem_of
+from rfca_rig.analysis.fitting.residuals import StrokeWindow, problem_of
 from rfca_rig.analysis.fitting.scatter import whitening_of
-from rfca_rig.analysis.fitting.strokes import Comparison, fit_recordings
+from rfca_rig.analysis.fitting.strokes import StrokeComparison, fit_recordings
 from rfca_rig.analysis.fitting.valleys import ValleyRow, fit_valleys
 from rfca_rig.analysis.phases import StrokePhases
 from rfca_rig.analysis.repeats import conditions_of
@@ -36,7 +36,7 @@ SECTIONS = {**BELIEVED, "sensor": {"below_shaft_mm": 45.0, "noise_std": NOISE}}
 BELIEF = Supposed(nominal_model(SECTIONS))
 TRUTH = {"k0": 11.3, "friction": 0.42, "height": 0.12}
 CONDITIONS = ((0.215, 3.25), (0.235, 4.5))
-COMMANDED = Comparison("commanded")
+COMMANDED = StrokeComparison("commanded")
 
 
 def supposing(**values: float) -> Supposed:
@@ -96,7 +96,7 @@ def one_row(formula) -> Toy:
 
 @pytest.mark.parametrize("shaft", ["commanded", "average", "recorded"])
 def test_known_parameters_are_found_again(shaft):
-    result = fit_recordings([recording(1)], (), Comparison(shaft))
+    result = fit_recordings([recording(1)], (), StrokeComparison(shaft))
     found = {p.name: p for p in result.parameters}
     assert set(found) == set(TRUTH)
     for name, true in TRUTH.items():
@@ -124,7 +124,7 @@ def test_an_encoder_that_reads_too_little_is_noticed():
     off_deg = 0.4
     strokes = tuple(with_encoder_off(stroke, -np.radians(off_deg)) for stroke in made.strokes)
     belief = {**KNOWN_TO, "start_angle_deg": 0.3}
-    (start,) = fit_recordings([replace(made, strokes=strokes, known_to=belief)], ("start_angle",), Comparison("recorded")).parameters
+    (start,) = fit_recordings([replace(made, strokes=strokes, known_to=belief)], ("start_angle",), StrokeComparison("recorded")).parameters
     true_deg = np.degrees(SECTIONS["leg"]["start_angle_rad"])
     assert start.nominal == pytest.approx(true_deg - off_deg, abs=0.01)
     assert start.value > start.nominal + 0.1
@@ -262,11 +262,11 @@ def test_errors_widen_where_strokes_differ_by_more_than_noise(strokes):
 
 def test_only_what_the_window_says_counts():
     t_s, phases = np.array([-0.05, 0.1, 0.21, 0.35, 0.55, 0.75]), StrokePhases(0.2, 0.7, 0.8)
-    assert Window().inside(t_s, phases).tolist() == [False, False, False, False, True, False]
-    everything = Window(("rest", "free", "touchdown", "loading", "release"), 0.0)
+    assert StrokeWindow().inside(t_s, phases).tolist() == [False, False, False, False, True, False]
+    everything = StrokeWindow(("rest", "free", "touchdown", "loading", "release"), 0.0)
     assert everything.inside(t_s, phases).tolist() == [False, True, True, True, True, True]
     with pytest.raises(BadInput, match="'landing' is no phase"):
-        Window(("landing",))
+        StrokeWindow(("landing",))
 
 
 def test_repeats_are_simulated_once_unless_their_recorded_turns_differ():

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.bench.leg_plant import LegPlant, Scatter
+from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import PresentEffect
@@ -18,11 +18,11 @@ RIG = read_rig(Path(__file__).parents[2] / "calibration" / "twin.toml").model()
 def test_a_twin_that_is_to_fade_is_refused_as_it_counts_no_strokes():
     fading = PresentEffect("stiffness_fading", (("loss_per_decade_relative", 0.1),))
     with pytest.raises(BadInput, match="effect stiffness_fading: the twin does not count its strokes"):
-        LegPlant(replace(RIG, effects=(fading,)), 0.5, 0.3, 1e-3, Scatter(), np.random.default_rng(1))
+        LegPlant(replace(RIG, effects=(fading,)), 0.5, 0.3, 1e-3, TwinScatter(), np.random.default_rng(1))
 
 
 def test_every_hinge_carries_the_weight_beyond_it():
-    plant = LegPlant(RIG, 0.5, 0.3, 1e-3, Scatter(), np.random.default_rng(1))
+    plant = LegPlant(RIG, 0.5, 0.3, 1e-3, TwinScatter(), np.random.default_rng(1))
     angles_rad, lengths_m, masses_kg = plant.link_angles_rad(), plant.link_lengths_m(), RIG.leg.link_masses_kg
     assert angles_rad.shape == lengths_m.shape == (7,)
     assert angles_rad[0] == pytest.approx(plant.shaft().angle_rad) == pytest.approx(0.3)
@@ -38,6 +38,6 @@ def test_every_hinge_carries_the_weight_beyond_it():
 
 
 def test_the_shape_is_a_copy():
-    plant = LegPlant(RIG, 0.5, pi / 6, 1e-3, Scatter(), np.random.default_rng(1))
+    plant = LegPlant(RIG, 0.5, pi / 6, 1e-3, TwinScatter(), np.random.default_rng(1))
     plant.link_angles_rad()[:] = 0.0
     assert plant.link_angles_rad()[0] == pytest.approx(pi / 6)

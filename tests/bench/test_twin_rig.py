@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.bench.expectation import expected_loads
-from rfca_rig.bench.leg_plant import LegPlant, Scatter
+from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.description.protocol_file import read_static
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import PresentEffect
@@ -19,7 +19,7 @@ from rfca_rig.twins.plant import ShaftDrive
 from tests.engine.rigs import ROOT, one_condition, twin_rig
 from tests.model.test_stroke import pressed_and_held
 
-NO_SCATTER = Scatter()
+NO_SCATTER = TwinScatter()
 
 
 def plant(scatter=NO_SCATTER):
@@ -48,7 +48,7 @@ def test_without_torque_the_leg_falls():
 
 
 def test_a_hand_on_the_lead_screws_is_not_exact():
-    leg = plant(Scatter(height_m=1e-4))
+    leg = plant(TwinScatter(height_m=1e-4))
     heights = set()
     for _ in range(3):
         leg.set_height(0.235)

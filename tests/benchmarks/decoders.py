@@ -31,7 +31,7 @@ from rfca_rig.codecs.malformed import MalformedFrame
 
 RANGES = mit_ranges("AK80-9")
 FD = {*range(9), 12, 16, 20, 24, 32, 48, 64}
-RECORD = ati_serial.Record(0, (1, -2, 300, -400, 5, -6))
+RECORD = ati_serial.AtiRecord(0, (1, -2, 300, -400, 5, -6))
 PAGE = (
     b"<netft><prodname>Net F/T</prodname><scfgfu>N</scfgfu><scfgtu>Nm</scfgtu>"
     b"<cfgcpf>1000000</cfgcpf><cfgcpt>1000000</cfgcpt><comrdtrate>7000</comrdtrate></netft>"
@@ -58,7 +58,7 @@ def _length(*lengths: int) -> Callable[[bytes], bool]:
     return lambda data: len(data) in lengths
 
 
-def _odrive(dialect: cansimple.Dialect) -> Decoder:
+def _odrive(dialect: cansimple.OdriveFirmware) -> Decoder:
     lengths = {0x02: {0, 8}, 0x07: {4, 8}, 0x0E: {4, 8}, 0x18: {0, 1, 8}}
 
     def decode(data: bytes) -> object:
@@ -151,8 +151,8 @@ def _crc(data: bytes) -> int:
 
 
 DECODERS = (
-    _odrive(cansimple.Dialect.V0_5),
-    _odrive(cansimple.Dialect.V0_6),
+    _odrive(cansimple.OdriveFirmware.V0_5),
+    _odrive(cansimple.OdriveFirmware.V0_6),
     Decoder("CubeMars MIT reply", lambda data: cubemars_mit.decode_reply(RANGES, data), (bytes(8), bytes(6)), _length(6, 7, 8), 12),
     Decoder(
         "CubeMars MIT command", lambda data: cubemars_mit.decode_command(RANGES, data), (bytes(8), b"\xff" * 7 + b"\xfc"), _length(8), 12

@@ -21,9 +21,9 @@ from rfca_rig.recording.atomic import GrowingFile, remove
 from rfca_rig.recording.blocks import Begin, End, samples_block, start_block
 from rfca_rig.recording.checking import check_run
 from rfca_rig.recording.cooperative import at_once
-from rfca_rig.recording.journal import Block, framed
+from rfca_rig.recording.journal import JournalBlock, framed
 from rfca_rig.recording.layout import journal_path, stage_path
-from rfca_rig.recording.rows import Rows, Start
+from rfca_rig.recording.rows import CommandedStart, Rows
 from rfca_rig.recording.run_writer import RunWriter
 from rfca_rig.recording.stage_file import write_stage
 from rfca_rig.recording.sums import sha256_of
@@ -45,10 +45,10 @@ def second(number: int, noise: np.ndarray) -> tuple[Rows, Rows]:
     return shaft, force
 
 
-def blocks(seconds: int) -> Iterator[Block]:
+def blocks(seconds: int) -> Iterator[JournalBlock]:
     noise = np.random.default_rng(1).normal(size=(RATE_HZ, len(WRENCH)))
     yield Begin("an hour", 0.215, FORMS).block()
-    yield start_block(Start(100.0))
+    yield start_block(CommandedStart(100.0))
     for number in range(seconds):
         shaft, force = second(number, np.roll(noise, 37 * number, axis=0))
         per_tick = RATE_HZ // TICKS_HZ

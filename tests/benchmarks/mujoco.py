@@ -20,11 +20,16 @@ from rfca_rig.analysis.valley import find_valley
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.stroke import stroke_at_speed
-from rfca_rig.protocol.experiments import Condition
+from rfca_rig.protocol.experiments import PlannedCondition
 from tests.model.legs import PAPER
 from tests.model.lsoda import ICE, fz_by_lsoda
 
-CONDITIONS = (Condition(0.215, 2.433), Condition(0.215, 3.249), Condition(0.235, 2.478), Condition(0.235, 3.276))
+CONDITIONS = (
+    PlannedCondition(0.215, 2.433),
+    PlannedCondition(0.215, 3.249),
+    PlannedCondition(0.235, 2.478),
+    PlannedCondition(0.235, 3.276),
+)
 SHARES_OF_1_MS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40, 50, 64, 80, 100)
 SPRING_N_PER_M = 9.2e3  # Hertz's force over indentation at the valley of the nominal ground
 FINEST_S = 5e-6
@@ -35,11 +40,11 @@ class Contestant:
     """A way to compute the stroke at a step length, and the bare work that is timed."""
 
     name: str
-    stroke: Callable[[Condition, float], MujocoStroke]
-    work: Callable[[Condition, float], object]
+    stroke: Callable[[PlannedCondition, float], MujocoStroke]
+    work: Callable[[PlannedCondition, float], object]
 
 
-def times_s(condition: Condition) -> np.ndarray:
+def times_s(condition: PlannedCondition) -> np.ndarray:
     return np.arange(int(1e3 * (np.radians(200.0) / condition.speed_rad_s + 0.025)) + 1) * 1e-3
 
 
@@ -53,22 +58,22 @@ def peaks(t_s: np.ndarray, contact_N: np.ndarray, fz_N: np.ndarray) -> np.ndarra
     return np.array([spike, getattr(valley, "fz_N", np.nan), fz_N[t_s > touch_s].max()])
 
 
-def ours(condition: Condition, tolerance=None):
+def ours(condition: PlannedCondition, tolerance=None):
     return stroke_at_speed(PAPER, condition.height_m, condition.speed_rad_s, times_s(condition), tolerance)
 
 
 def outer_forces(integrator: str) -> Contestant:
-    def stroke(condition: Condition, step_s: float) -> MujocoStroke:
+    def stroke(condition: PlannedCondition, step_s: float) -> MujocoStroke:
         return stroke_in_mujoco(PAPER, condition.height_m, condition.speed_rad_s, times_s(condition), step_s, integrator)
 
     return Contestant(f"MuJoCo {integrator}, believed ground through callback", stroke, stroke)
 
 
 def own_springs() -> Contestant:
-    def stroke(condition: Condition, step_s: float) -> MujocoStroke:
+    def stroke(condition: PlannedCondition, step_s: float) -> MujocoStroke:
         return stroke_on_springs(PAPER, condition.height_m, condition.speed_rad_s, times_s(condition), SPRING_N_PER_M, step_s)
 
-    def prepare_and_step(condition: Condition, step_s: float) -> None:
+    def prepare_and_step(condition: PlannedCondition, step_s: float) -> None:
         leg = leg_on_springs(PAPER, condition.height_m, SPRING_N_PER_M)
         hang(leg, PAPER.leg.start_angle_rad)
         began = time.perf_counter()
@@ -100,7 +105,7 @@ def _peaks_of(stroke: MujocoStroke) -> np.ndarray:
     return peaks(stroke.t_s, stroke.normal_N, stroke.fz_N)
 
 
-def _within_1_pct(contestant: Contestant, condition: Condition, step_s: float, true: np.ndarray, which: slice) -> bool:
+def _within_1_pct(contestant: Contestant, condition: PlannedCondition, step_s: float, true: np.ndarray, which: slice) -> bool:
     try:
         return bool((np.abs(_peaks_of(contestant.stroke(condition, step_s)) / true - 1.0)[which] < 0.01).all())
     except SimulationFailed:
@@ -194,7 +199,7 @@ def _loosened(factor: float) -> Tolerance:
     return Tolerance(factor * Tolerance().angle_rad, factor * Tolerance().speed_rad_s)
 
 
-def _our_peaks(condition: Condition, tolerance) -> np.ndarray:
+def _our_peaks(condition: PlannedCondition, tolerance) -> np.ndarray:
     stroke = ours(condition, tolerance)
     return peaks(stroke.t_s, stroke.normal_N.sum(axis=1), stroke.fz_N)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from rfca_rig.campaign.opening import open_recordings
-from rfca_rig.cli.commands.close_the_loop import Loop, close_the_loop
+from rfca_rig.cli.commands.close_the_loop import ClosedLoop, close_the_loop
 from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL, write_next_protocol
 from rfca_rig.errors import BadInput
 from tests.campaign.small import SMALL
@@ -42,7 +42,7 @@ class Answers:
 
 
 def loop(tmp_path, rounds=3, rig="twin"):
-    return Loop(CALIBRATION / f"{rig}.toml", rounds, tmp_path / "runs", tmp_path, None, quiet=False)
+    return ClosedLoop(CALIBRATION / f"{rig}.toml", rounds, tmp_path / "runs", tmp_path, None, quiet=False)
 
 
 def test_it_ends_when_one_class_is_left(tmp_path, first, capsys):

@@ -12,7 +12,7 @@ import pytest
 
 from rfca_rig.recording.atomic import GrowingFile
 from rfca_rig.recording.cycle_table import cycle_table
-from rfca_rig.recording.journal import Kind, whole_blocks
+from rfca_rig.recording.journal import BlockKind, whole_blocks
 from rfca_rig.recording.layout import journals, stage_files
 from rfca_rig.recording.run_lock import lock
 from rfca_rig.recording.run_text import events_of
@@ -107,7 +107,7 @@ def rows(folder):
     """Cycles in the journal of the stage in progress; it may be gone by the time it is looked at."""
     for journal in journals(folder)[-1:]:
         with suppress(FileNotFoundError):
-            return sum(block.kind is Kind.SAMPLES for block in whole_blocks(journal.read_bytes())[0])
+            return sum(block.kind is BlockKind.SAMPLES for block in whole_blocks(journal.read_bytes())[0])
     return 0
 
 

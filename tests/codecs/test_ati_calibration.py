@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rfca_rig.codecs.ati_calibration import GAGES, Calibration, parse_calibration
+from rfca_rig.codecs.ati_calibration import GAGES, TransducerCalibration, parse_calibration
 from rfca_rig.codecs.ati_units import force_code, force_unit, newton_metres_per, newtons_per, torque_code, torque_unit
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.errors import BadInput
@@ -33,7 +33,7 @@ PLAIN = """\
 COMPENSATION = '<BiasSlope values="1 2 3 4 5 6"/><GainSlope values="0 0 0 0 0 .5"/><Thermistor value="2.5"/></Calibration>'
 
 
-def parsed(text: str) -> Calibration:
+def parsed(text: str) -> TransducerCalibration:
     return parse_calibration(text.encode(), "x.cal")
 
 

@@ -7,31 +7,40 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rfca_rig.codecs.ati_serial import ASCII_BYTES, Command, Record, RecordForm, checksum, decode_record, encode_command, encode_record
-from rfca_rig.codecs.ati_serial_stream import AsciiStream, Found, record_stream, without_echo
+from rfca_rig.codecs.ati_serial import (
+    ASCII_BYTES,
+    AtiCommand,
+    AtiRecord,
+    RecordForm,
+    checksum,
+    decode_record,
+    encode_command,
+    encode_record,
+)
+from rfca_rig.codecs.ati_serial_stream import AsciiStream, FoundRecord, record_stream, without_echo
 from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 
 FORMS = list(RecordForm)
 START = (900, -400, 3000, 50, -700, 10)
 COUNTS = st.integers(-(2**15), 2**15 - 1)
-RECORDS = st.builds(Record, st.integers(0, 1), st.tuples(*[COUNTS] * 6))
+RECORDS = st.builds(AtiRecord, st.integers(0, 1), st.tuples(*[COUNTS] * 6))
 
 A_LINE = b"0,  -102,   -99,  -225,   -20,    39,   -39\r\n"
-A_RECORD = Record(0, (-102, -99, -225, -20, 39, -39))
+A_RECORD = AtiRecord(0, (-102, -99, -225, -20, 39, -39))
 A_BINARY = bytes.fromhex("00 ff9a ff9d ff1f ffec 0027 ffd9")
 
 
-def drift(count: int, seed: int = 0) -> list[Record]:
+def drift(count: int, seed: int = 0) -> list[AtiRecord]:
     """Values that wander as a sensor's do, each of them different."""
     values = np.cumsum(np.random.default_rng(seed).normal(0.0, 30.0, (count, 6)), axis=0).astype(int) + np.array(START)
-    return [Record(0, tuple(row)) for row in values.tolist()]
+    return [AtiRecord(0, tuple(row)) for row in values.tolist()]
 
 
-def wire(records: list[Record], form: RecordForm) -> bytes:
+def wire(records: list[AtiRecord], form: RecordForm) -> bytes:
     return b"".join(encode_record(record, form) for record in records)
 
 
-def fed(form: RecordForm, data: bytes, piece: int = 7) -> tuple[list[Found], int]:
+def fed(form: RecordForm, data: bytes, piece: int = 7) -> tuple[list[FoundRecord], int]:
     stream = record_stream(form)
     found = [one for start in range(0, len(data), piece) for one in stream.feed(data[start : start + piece])]
     return found, stream.malformed
@@ -46,7 +55,7 @@ def test_a_line_of_a_real_controller_is_read_and_written() -> None:
 def test_a_binary_record_is_an_error_flag_and_six_counts_high_byte_first() -> None:
     assert decode_record(A_BINARY, RecordForm.BINARY) == A_RECORD
     assert encode_record(A_RECORD, RecordForm.BINARY) == A_BINARY
-    assert encode_record(Record(1, (256, 1, 0, 0, 0, -(2**15))), RecordForm.BINARY) == bytes.fromhex("01 0100 0001 0000 0000 0000 8000")
+    assert encode_record(AtiRecord(1, (256, 1, 0, 0, 0, -(2**15))), RecordForm.BINARY) == bytes.fromhex("01 0100 0001 0000 0000 0000 8000")
 
 
 def test_the_checksum_is_the_sum_of_all_bytes() -> None:
@@ -55,14 +64,14 @@ def test_the_checksum_is_the_sum_of_all_bytes() -> None:
 
 
 @given(RECORDS, st.sampled_from(FORMS))
-def test_a_record_survives_the_wire(record: Record, form: RecordForm) -> None:
+def test_a_record_survives_the_wire(record: AtiRecord, form: RecordForm) -> None:
     data = encode_record(record, form)
     assert len(data) == form.record_bytes
     assert decode_record(data, form) == record
 
 
 @given(RECORDS, st.integers(0, 13), st.integers(1, 255))
-def test_a_changed_byte_never_passes_the_checksum(record: Record, at: int, change: int) -> None:
+def test_a_changed_byte_never_passes_the_checksum(record: AtiRecord, at: int, change: int) -> None:
     data = bytearray(encode_record(record, RecordForm.BINARY_CHECKSUM))
     data[at] ^= change
     with pytest.raises(MalformedFrame):
@@ -96,16 +105,16 @@ def test_a_binary_record_of_wrong_length_or_flag_is_malformed(form: RecordForm, 
         decode_record(data, form)
 
 
-@pytest.mark.parametrize("record", [Record(0, (2**15, 0, 0, 0, 0, 0)), Record(256, (0,) * 6)])
-def test_what_does_not_fit_cannot_be_sent(record: Record) -> None:
+@pytest.mark.parametrize("record", [AtiRecord(0, (2**15, 0, 0, 0, 0, 0)), AtiRecord(256, (0,) * 6)])
+def test_what_does_not_fit_cannot_be_sent(record: AtiRecord) -> None:
     with pytest.raises(NotEncodable):
         encode_record(record, RecordForm.BINARY)
 
 
 def test_commands_end_in_a_carriage_return() -> None:
-    assert encode_command(Command.BINARY) == b"CD B\r"
-    assert encode_command(Command.QUERY_STREAM) == b"QS\r"
-    assert encode_command(Command.NOTHING) == b"\r"
+    assert encode_command(AtiCommand.BINARY) == b"CD B\r"
+    assert encode_command(AtiCommand.QUERY_STREAM) == b"QS\r"
+    assert encode_command(AtiCommand.NOTHING) == b"\r"
     with pytest.raises(NotEncodable):
         encode_command(b"SB\rSZ")
 

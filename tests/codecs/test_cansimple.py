@@ -178,7 +178,7 @@ def test_the_scale_of_a_feed_forward_is_a_thousandth() -> None:
 
 # -- firmware 0.5 ------------------------------------------------------------------------------------------------------------
 
-V0_5 = om.Dialect.V0_5
+V0_5 = om.OdriveFirmware.V0_5
 
 
 @pytest.mark.parametrize(
@@ -186,8 +186,8 @@ V0_5 = om.Dialect.V0_5
     [
         ("00 08 00 00 01 00 00 00", om.Heartbeat(0x800, 1, 0, False)),
         ("00 00 00 00 08 00 00 80", om.Heartbeat(0, 8, 0, True)),
-        ("40 00 00 00 01 01 00 00", om.Heartbeat(0x40, 1, 0, False, (om.Part.MOTOR,))),
-        ("00 00 00 00 01 00 01 81", om.Heartbeat(0, 1, 0, True, (om.Part.ENCODER, om.Part.CONTROLLER))),
+        ("40 00 00 00 01 01 00 00", om.Heartbeat(0x40, 1, 0, False, (om.OdrivePart.MOTOR,))),
+        ("00 00 00 00 01 00 01 81", om.Heartbeat(0, 1, 0, True, (om.OdrivePart.ENCODER, om.OdrivePart.CONTROLLER))),
     ],
 )
 def test_an_older_heartbeat_has_flags_where_the_newer_has_a_result(data: str, message: om.Heartbeat) -> None:
@@ -196,9 +196,9 @@ def test_an_older_heartbeat_has_flags_where_the_newer_has_a_result(data: str, me
 
 
 def test_older_part_errors_have_the_documented_ids_and_64_bits() -> None:
-    assert cs.part_error(3, om.PartError(om.Part.MOTOR, 0x800000008)) == (0x063, bytes.fromhex("08 00 00 00 08 00 00 00"))
-    assert cs.part_error(3, om.PartError(om.Part.ENCODER, 0x80)) == (0x064, bytes.fromhex("80 00 00 00 00 00 00 00"))
-    assert cs.part_error(3, om.PartError(om.Part.CONTROLLER, 1)) == (0x07D, bytes.fromhex("01 00 00 00 00 00 00 00"))
+    assert cs.part_error(3, om.PartError(om.OdrivePart.MOTOR, 0x800000008)) == (0x063, bytes.fromhex("08 00 00 00 08 00 00 00"))
+    assert cs.part_error(3, om.PartError(om.OdrivePart.ENCODER, 0x80)) == (0x064, bytes.fromhex("80 00 00 00 00 00 00 00"))
+    assert cs.part_error(3, om.PartError(om.OdrivePart.CONTROLLER, 1)) == (0x07D, bytes.fromhex("01 00 00 00 00 00 00 00"))
 
 
 def test_the_dialects_do_not_read_each_others_messages() -> None:
@@ -223,14 +223,14 @@ def test_no_bytes_make_the_older_decoder_raise_anything_but_its_own_error(arbitr
         assert isinstance(error, DeviceError)
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(0, 255), st.booleans(), st.sets(st.sampled_from(om.Part)))
-def test_an_older_heartbeat_survives_the_wire(error: int, state: int, done: bool, failed: set[om.Part]) -> None:
-    beat = om.Heartbeat(error, state, 0, done, tuple(part for part in om.Part if part in failed))
+@given(st.integers(0, 2**32 - 1), st.integers(0, 255), st.booleans(), st.sets(st.sampled_from(om.OdrivePart)))
+def test_an_older_heartbeat_survives_the_wire(error: int, state: int, done: bool, failed: set[om.OdrivePart]) -> None:
+    beat = om.Heartbeat(error, state, 0, done, tuple(part for part in om.OdrivePart if part in failed))
     assert cs.decode(*cs.heartbeat(7, beat, V0_5), V0_5) == beat
 
 
-@given(st.sampled_from(om.Part), st.integers(0, 2**64 - 1))
-def test_older_errors_survive_the_wire_and_have_words(part: om.Part, word: int) -> None:
+@given(st.sampled_from(om.OdrivePart), st.integers(0, 2**64 - 1))
+def test_older_errors_survive_the_wire_and_have_words(part: om.OdrivePart, word: int) -> None:
     assert cs.decode(*cs.part_error(7, om.PartError(part, word)), V0_5) == om.PartError(part, word)
     assert older.part_error_text(part, word).count(":") == word.bit_count()
     assert older.error_text(word & 0xFFFFFFFF).count(":") == (word & 0xFFFFFFFF).bit_count()
@@ -250,8 +250,8 @@ BO_ 36 Get_Encoder_Error: 8 drive
 """
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(0, 15), st.booleans(), st.sets(st.sampled_from(om.Part)))
-def test_another_decoder_reads_older_frames_the_same(error: int, state: int, done: bool, failed: set[om.Part]) -> None:
+@given(st.integers(0, 2**32 - 1), st.integers(0, 15), st.booleans(), st.sets(st.sampled_from(om.OdrivePart)))
+def test_another_decoder_reads_older_frames_the_same(error: int, state: int, done: bool, failed: set[om.OdrivePart]) -> None:
     cantools = pytest.importorskip("cantools")
     database = cantools.database.load_string(OLDER_DBC, "dbc")
     beat = om.Heartbeat(error, state, 0, done, tuple(failed))
@@ -259,15 +259,15 @@ def test_another_decoder_reads_older_frames_the_same(error: int, state: int, don
         "Axis_Error": error,
         "Axis_State": state,
         "Trajectory_Done_Flag": done,
-        "Motor_Error_Flag": om.Part.MOTOR in failed,
-        "Encoder_Error_Flag": om.Part.ENCODER in failed,
-        "Controller_Error_Flag": om.Part.CONTROLLER in failed,
+        "Motor_Error_Flag": om.OdrivePart.MOTOR in failed,
+        "Encoder_Error_Flag": om.OdrivePart.ENCODER in failed,
+        "Controller_Error_Flag": om.OdrivePart.CONTROLLER in failed,
     }
-    assert database.decode_message(*cs.part_error(1, om.PartError(om.Part.ENCODER, error))) == {"Encoder_Error": error}
+    assert database.decode_message(*cs.part_error(1, om.PartError(om.OdrivePart.ENCODER, error))) == {"Encoder_Error": error}
 
 
-@pytest.mark.parametrize(("version", "dialect"), [("0.5.6", V0_5), ("0.6.10", om.Dialect.V0_6)])
-def test_the_makers_own_database_reads_our_frames(version: str, dialect: om.Dialect) -> None:
+@pytest.mark.parametrize(("version", "dialect"), [("0.5.6", V0_5), ("0.6.10", om.OdriveFirmware.V0_6)])
+def test_the_makers_own_database_reads_our_frames(version: str, dialect: om.OdriveFirmware) -> None:
     cantools = pytest.importorskip("cantools")
     package = pytest.importorskip("odrive_can", reason="the extra `strangers` brings the maker's databases")
     path = Path(package.__file__).parent / "dbc" / f"odrive-cansimple-{version}.dbc"

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from rfca_rig.codecs import cubemars_dbc
 from rfca_rig.codecs import cubemars_servo as servo
-from rfca_rig.codecs.cubemars_servo import Origin, Packet, Status
+from rfca_rig.codecs.cubemars_servo import OriginMode, Packet, Status
 from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 from rfca_rig.errors import DeviceError
 
@@ -22,7 +22,7 @@ GOLDEN = [
     (servo.set_current_brake(0x68, 5.0), 0x268, "00001388", servo.SetCurrentBrake(5.0)),
     (servo.set_speed(0x68, 1000.0), 0x368, "000003e8", servo.SetSpeed(1000)),
     (servo.set_position(0x68, 180.0), 0x468, "001b7740", servo.SetPosition(180.0)),
-    (servo.set_origin(0x68, Origin.PERMANENT), 0x568, "01", servo.SetOrigin(1)),
+    (servo.set_origin(0x68, OriginMode.PERMANENT), 0x568, "01", servo.SetOrigin(1)),
     (servo.set_position_speed(0x68, 180.0, 5000.0, 30000.0), 0x668, "001b774001f40bb8", servo.SetPositionSpeed(180.0, 5000, 30000)),
     (servo.status(0x68, Status(-20000, -3210.0, 1.25, -7, 3)), 0x2968, "b1e0febf007df903", Status(-20000, -3210.0, 1.25, -7, 3)),
 ]

@@ -38,7 +38,7 @@ def test_a_command_survives_the_wire(command: nc.ReadForce | nc.ReadCalibrationI
 
 
 def test_replies_are_read_as_documented() -> None:
-    assert nc.decode_reading(A_READING) == nc.Reading(0x8002, (1, -1, 32767, -32768, 0, 256))
+    assert nc.decode_reading(A_READING) == nc.NetFtReading(0x8002, (1, -1, 32767, -32768, 0, 256))
     info = nc.decode_calibration(A_CALIBRATION)
     assert info == nc.CalibrationInfo("N", "Nm", 1_000_000, 1_000_000, (10_000, 10_000, 30_000, 1024, 1024, 1024))
     assert (info.counts_per_N, info.counts_per_Nm) == (1e6, 1e6)
@@ -74,7 +74,7 @@ def test_what_is_no_command_that_reads_is_malformed(data: bytes) -> None:
 
 def test_what_does_not_fit_its_field_is_refused() -> None:
     with pytest.raises(NotEncodable):
-        nc.encode_reading(nc.Reading(0, (40_000, 0, 0, 0, 0, 0)))
+        nc.encode_reading(nc.NetFtReading(0, (40_000, 0, 0, 0, 0, 0)))
     with pytest.raises(NotEncodable):
         nc.encode_calibration(nc.CalibrationInfo("N", "Nm", 2**32, 1, (1,) * 6))
     with pytest.raises(NotEncodable):

@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 
 from rfca_rig.description.camera_file import camera_file, plane_section, read_camera_file, write_camera_file
 from rfca_rig.errors import BadInput
-from rfca_rig.vision.board_photo import BoardPhoto, Refused
-from rfca_rig.vision.camera_calibration import Calibration
+from rfca_rig.vision.board_photo import BoardPhoto, RefusedPhoto
+from rfca_rig.vision.camera_calibration import CameraCalibration
 from rfca_rig.vision.plane_of_motion import PlanePose
 
 TURN = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 
 
-def calibration(focal_px=2345.6789, name="a.jpg") -> Calibration:
-    return Calibration(
+def calibration(focal_px=2345.6789, name="a.jpg") -> CameraCalibration:
+    return CameraCalibration(
         size_px=(4000, 3000),
         matrix=np.array([[focal_px, 0.0, 2001.25], [0.0, focal_px + 1.0, 1499.5], [0.0, 0.0, 1.0]]),
         distortion=np.array([-0.12, 0.08, 6e-4, -4e-5, 0.0]),
@@ -26,7 +26,7 @@ def calibration(focal_px=2345.6789, name="a.jpg") -> Calibration:
         error_px=0.123,
         photos=(BoardPhoto(name, (4000, 3000), np.zeros((54, 2)), np.zeros((54, 2)), 2.5),),
         errors_px=np.array([0.12]),
-        refused=(Refused("b.jpg", 'is "blurred"\nby a line'),),
+        refused=(RefusedPhoto("b.jpg", 'is "blurred"\nby a line'),),
     )
 
 

@@ -14,7 +14,7 @@ from rfca_rig.description.rig_file import read_rig
 from rfca_rig.description.torque_rotation import read_curve, splines_of
 from rfca_rig.errors import BadInput
 from rfca_rig.model.hinge_springs import bending_torque_Nm
-from rfca_rig.sweep.design import Design
+from rfca_rig.sweep.design import SweepCase
 from rfca_rig.sweep.quantities import quantity
 from tests.description.test_sections import RIG
 
@@ -120,8 +120,8 @@ def test_k2_of_a_curve_can_be_neither_fitted_nor_swept(tmp_path):
     with pytest.raises(BadInput, match=r"k2: the hinges of this leg follow a measured curve"):
         space_of(("k2",), Supposed(rig), {})
     with pytest.raises(BadInput, match=r"k2: the hinges of this leg follow a measured curve"):
-        quantity("k2").write(Design(rig), 3.0)
-    scaled = quantity("k0").write(Design(rig), 1.1 * rig.leg.k0_Nm_per_rad).rig
+        quantity("k2").write(SweepCase(rig), 3.0)
+    scaled = quantity("k0").write(SweepCase(rig), 1.1 * rig.leg.k0_Nm_per_rad).rig
     assert bending_torque_Nm(scaled.leg, np.radians(14.0)) == pytest.approx(1.1 * 3.37)
 
 

@@ -257,7 +257,7 @@ def test_the_twin_takes_a_current_as_torque_and_a_new_origin_as_zero() -> None:
         assert r.rotor.drives[-1][1].torque_Nm(0.0, 0.0) == pytest.approx(2.0 * 9.0 * 0.115)
         send(r.observer, cubemars_servo.set_current(1, 0.0))
         r.rotor.speed_rad_s = 0.0
-        send(r.observer, cubemars_servo.set_origin(1, cubemars_servo.Origin.TEMPORARY))
+        send(r.observer, cubemars_servo.set_origin(1, cubemars_servo.OriginMode.TEMPORARY))
         r.tick()
         last = drained(r.observer)[-1]
         assert cubemars_servo.decode(last.arbitration_id, last.data).position_count in {-1, 0}

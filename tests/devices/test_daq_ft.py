@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.codecs.ati_calibration import Calibration, TemperatureCompensation, parse_calibration
+from rfca_rig.codecs.ati_calibration import TemperatureCompensation, TransducerCalibration, parse_calibration
 from rfca_rig.codecs.gage_block import GageBlock
 from rfca_rig.contracts.force_sensor import ForceSensorContract
 from rfca_rig.contracts.force_sensor_rig import ForceSensorRig, constant
@@ -28,7 +28,7 @@ UNLOADED_V = (0.31, -0.22, 0.05, -0.4, 0.18, 0.02)
 HALF_CODE_V = 0.5 * 20.0 / 2**16
 
 
-def calibration() -> Calibration:
+def calibration() -> TransducerCalibration:
     return parse_calibration(CAL.read_bytes(), "made-up-gamma.cal")
 
 
@@ -219,7 +219,7 @@ def test_values_that_are_no_numbers_are_thrown_away() -> None:
 def test_a_thermistor_takes_the_warmth_out_of_the_wrench() -> None:
     cold = calibration()
     temperature = TemperatureCompensation(np.full(6, 0.1), np.full(6, 0.02), 2.5)
-    warm = Calibration(**{**vars(cold), "temperature": temperature})
+    warm = TransducerCalibration(**{**vars(cold), "temperature": temperature})
     wrench = np.array([[10.0, 20.0, -30.0, 1.0, 2.0, 3.0]])
     at_reference = cold.volts(wrench, np.array(UNLOADED_V))
     dt_V = 0.3

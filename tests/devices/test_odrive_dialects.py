@@ -9,7 +9,7 @@ import pytest
 
 from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.codecs import cansimple, odrive_messages
-from rfca_rig.codecs.odrive_messages import Dialect, Heartbeat, Part, PartError
+from rfca_rig.codecs.odrive_messages import Heartbeat, OdriveFirmware, OdrivePart, PartError
 from rfca_rig.contracts.motor import MotorContract
 from rfca_rig.contracts.motor_rig import MotorRig, drained, motor_rig
 from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
@@ -18,7 +18,7 @@ from rfca_rig.twins.can_wire import can_wire
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 
 GEARED = {"gear_ratio": 9.0, "direction": -1, "zero_turns": 2.75}
-OLDER = {"dialect": Dialect.V0_5, "torque_constant_Nm_per_A": 0.0827}
+OLDER = {"dialect": OdriveFirmware.V0_5, "torque_constant_Nm_per_A": 0.0827}
 
 
 def send(bus: can.BusABC, frame: cansimple.Frame) -> None:
@@ -74,7 +74,7 @@ def test_an_emergency_stop_has_the_older_bit() -> None:
 def test_an_error_that_only_a_part_has_is_asked_for_and_told_with_its_meaning() -> None:
     with older_rig() as rig:
         rig.motor.enable()
-        rig.twin.fail_part(Part.ENCODER, 1 << 7)
+        rig.twin.fail_part(OdrivePart.ENCODER, 1 << 7)
         rig.run(0.2, speed_rad_s=1.0)
         said = "error 0x00000000 (none); encoder error 0x00000080 (ABS_SPI_COM_FAIL: the absolute encoder's answers are damaged)"
         assert rig.motor.status().fault == said
@@ -85,7 +85,7 @@ def test_an_error_that_only_a_part_has_is_asked_for_and_told_with_its_meaning() 
 def test_enabling_clears_the_parts_errors() -> None:
     with older_rig() as rig:
         rig.motor.enable()
-        rig.twin.fail_part(Part.CONTROLLER, 1)
+        rig.twin.fail_part(OdrivePart.CONTROLLER, 1)
         rig.run(0.2, speed_rad_s=1.0)
         assert "OVERSPEED" in (rig.motor.status().fault or "")
         rig.motor.enable()
@@ -99,9 +99,9 @@ def test_a_refusal_by_a_part_names_its_error() -> None:
         def drive(_: float) -> None:
             send(there, cansimple.encoder_estimates(0, 0.0, 0.0))
             send(there, cansimple.iq(0, 0.0, 0.0))
-            send(there, cansimple.heartbeat(0, Heartbeat(0, 1, 0, False, (Part.MOTOR,)), Dialect.V0_5))
+            send(there, cansimple.heartbeat(0, Heartbeat(0, 1, 0, False, (OdrivePart.MOTOR,)), OdriveFirmware.V0_5))
             if any(m.arbitration_id == 0x03 for m in drained(there)):
-                send(there, cansimple.part_error(0, PartError(Part.MOTOR, 1 << 35)))
+                send(there, cansimple.part_error(0, PartError(OdrivePart.MOTOR, 1 << 35)))
 
         clock.carry(drive)
         with pytest.raises(DeviceError, match=r"still reports error 0x00000000 \(none\); motor error 0x800000000 \(UNBALANCED_PHASES"):
@@ -137,7 +137,7 @@ def test_clearing_errors_takes_no_byte_and_nothing_of_0_6_is_on_the_wire() -> No
 
 def test_an_older_drive_needs_its_torque_constant() -> None:
     with pytest.raises(BadInput, match=r"torque_constant_Nm_per_A is missing; firmware 0\.5 tells the motor's current"):
-        OdriveSettings(0, dialect=Dialect.V0_5)
+        OdriveSettings(0, dialect=OdriveFirmware.V0_5)
 
 
 def test_a_newer_drive_taken_for_an_older_one_is_found_out() -> None:
@@ -156,7 +156,7 @@ def test_an_older_drive_taken_for_a_newer_one_is_found_out() -> None:
 def test_what_is_missing_is_called_as_the_older_firmware_calls_it() -> None:
     clock = TwinClock()
     with can_wire() as (here, there):
-        clock.carry(lambda _: send(there, cansimple.heartbeat(0, Heartbeat(0, 1, 0, False), Dialect.V0_5)))
+        clock.carry(lambda _: send(there, cansimple.heartbeat(0, Heartbeat(0, 1, 0, False), OdriveFirmware.V0_5)))
         with pytest.raises(DeviceError, match="no encoder estimates from node 0; set its encoder_rate_ms to 1"):
             OdriveMotor(here, clock, OdriveSettings(0, **OLDER)).enable()
 
@@ -169,8 +169,8 @@ def test_the_identity_names_the_dialect() -> None:
 
 def test_the_twin_answers_requests_without_a_byte_as_firmware_0_5_6_does() -> None:
     with older_rig() as rig:
-        rig.twin.fail_part(Part.MOTOR, 8)
+        rig.twin.fail_part(OdrivePart.MOTOR, 8)
         send(rig.observer, (0x03, b""))
         rig.tick()
         (told,) = (m for m in drained(rig.observer) if m.arbitration_id == 0x03)
-        assert cansimple.decode(told.arbitration_id, told.data, Dialect.V0_5) == odrive_messages.PartError(Part.MOTOR, 8)
+        assert cansimple.decode(told.arbitration_id, told.data, OdriveFirmware.V0_5) == odrive_messages.PartError(OdrivePart.MOTOR, 8)

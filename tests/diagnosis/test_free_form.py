@@ -12,19 +12,19 @@ from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.diagnosis.diagnose import prepare_data
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.leg.simulator import leg_dataset
-from rfca_rig.diagnosis.leg.strokes import FlapCondition, Turn
+from rfca_rig.diagnosis.leg.strokes import FlapCondition, ShaftTurn
 from rfca_rig.diagnosis.residual_force.force_inputs import nominal_conditions, places_of
 from rfca_rig.diagnosis.residual_force.free_form import FreeForm, free_form, place_of
 from rfca_rig.diagnosis.residual_force.sparse_law import SERIES, SURE_OF_SIGN_RAD_S, series
 from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, SplineBasis, bump_in_turn, forced_stroke, tick, torque
 from rfca_rig.exam.cases import NOTHING, drawn_cases
-from rfca_rig.exam.designs import Design
+from rfca_rig.exam.designs import ExamDesign
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import GRAVITY_M_S2, PresentEffect
 from tests.model.legs import PAPER
 
-SHORT = Design(tuple((height, speed) for height in (195.0, 215.0) for speed in (2.2, 3.0)), 2, ())
+SHORT = ExamDesign(tuple((height, speed) for height in (195.0, 215.0) for speed in (2.2, 3.0)), 2, ())
 BUMPS = SplineBasis(0.03, 8)
 
 
@@ -69,7 +69,7 @@ def resting_condition():
     return FlapCondition(
         "",
         0.5,
-        Turn(0.01, None),
+        ShaftTurn(0.01, None),
         t_s,
         first,
         signals,

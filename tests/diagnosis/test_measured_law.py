@@ -18,7 +18,7 @@ from rfca_rig.diagnosis.inference.parameterization import Parameterization, coor
 from rfca_rig.diagnosis.leg.simulator import leg_dataset
 from rfca_rig.diagnosis.likelihood.covariance import AtError, basis_of
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities
-from rfca_rig.diagnosis.likelihood.laplace import Linear
+from rfca_rig.diagnosis.likelihood.laplace import LinearModel
 from rfca_rig.diagnosis.model_files import write_measured_model
 from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum
 from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, pendulum_dataset, stretches_of
@@ -29,15 +29,15 @@ from rfca_rig.diagnosis.residual_force.measured_law import TableTerm, base_witho
 from rfca_rig.errors import BadInput
 from rfca_rig.exam import simulate_campaign
 from rfca_rig.exam.cases import NOTHING, drawn_cases
-from rfca_rig.exam.designs import Design
+from rfca_rig.exam.designs import ExamDesign
 from rfca_rig.exam.sampled_rig import world_of
 from rfca_rig.executors.cores import algebra_on_one_thread
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import LawTable, PresentEffect
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded
 
-DESIGN = Design(tuple((height, speed) for height in (205.0, 220.0, 235.0) for speed in (2.0, 2.6, 3.3)), 2, (215.0,))
-OTHER = Design(((212.0, 2.3), (228.0, 3.0)), 2, ())
+DESIGN = ExamDesign(tuple((height, speed) for height in (205.0, 220.0, 235.0) for speed in (2.0, 2.6, 3.3)), 2, (215.0,))
+OTHER = ExamDesign(((212.0, 2.3), (228.0, 3.0)), 2, ())
 CONDITIONS = [(205.0, 2.2), (215.0, 2.6), (225.0, 2.2), (235.0, 3.0)]
 PENDULUM = Path(__file__).parents[1] / "data" / "dfki-pendulum" / "simple"
 
@@ -216,7 +216,7 @@ def test_the_log_density_of_a_condition_is_that_of_all_rows_less_that_of_the_oth
     flaps = flaps_of(recorded(RIG, CONDITIONS[:2]))
     rows = leg_dataset(flaps).rows
     count, random = len(rows.measured), np.random.default_rng(1)
-    linear = Linear(random.standard_normal(count), random.standard_normal((count, 3)))
+    linear = LinearModel(random.standard_normal(count), random.standard_normal((count, 3)))
     whitening = AtError(basis_of(rows, 0.1 * random.standard_normal((count, 2))), 0.02)
     covariance = whitening.covariance() + linear.jacobian @ linear.jacobian.T
 

@@ -116,7 +116,7 @@ def looped():
     config = SearchConfig()
     state = model_selection._fit_nominal(leg_dataset(parts), coordinates, config)
     (loop,) = terms_of(catalogue()["spring_hysteresis"])
-    start = model_selection.Start((loop,), np.concatenate([state.nothing.x, grid_of(loop)[0]]), state.nothing.jacobian)
+    start = model_selection.FitStart((loop,), np.concatenate([state.nothing.x, grid_of(loop)[0]]), state.nothing.jacobian)
     return state.with_fits([state.optimizer.converge(model_selection._fit(state.optimizer, state, start, 5))])
 
 
@@ -148,7 +148,7 @@ def begun_with(effect, found_as, known_to):
     parts = flaps_of(recorded(replace(RIG, effects=(effect,)), CONDITIONS, with_shaft=False))
     state = model_selection._fit_nominal(leg_dataset(parts), Parameterization(nuisances_of(RIG, known_to, 0.0)), SearchConfig())
     (term,) = terms_of(catalogue()[found_as])
-    start = model_selection.Start((term,), np.concatenate([state.nothing.x, grid_of(term)[0]]), state.nothing.jacobian)
+    start = model_selection.FitStart((term,), np.concatenate([state.nothing.x, grid_of(term)[0]]), state.nothing.jacobian)
     return state.with_fits([model_selection._fit(state.optimizer, state, start, 5)])
 
 

@@ -10,7 +10,7 @@ from rfca_rig.diagnosis.data.observations import Label, Observations, stacked
 from rfca_rig.diagnosis.leg.strokes import dynamic_label
 from rfca_rig.diagnosis.likelihood.covariance import AtError, basis_of, discrepancy, factored
 from rfca_rig.diagnosis.likelihood.cross_validation import jackknife_std, loo_residuals, products_without
-from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior, laplace_posteriors
+from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior, laplace_posteriors
 
 
 def small_rows(seed=0, bins=12, conditions=2):
@@ -113,7 +113,7 @@ def test_evidence_is_the_density_of_the_rows_with_all_unknowns_integrated_out():
     random = np.random.default_rng(2)
     jacobian, scatter = random.normal(size=(len(rows.measured), 3)), np.empty((len(rows.measured), 0))
     covariance = dense(rows, scatter, 0.05)
-    found = laplace_posterior(Linear(rows.measured, jacobian), factored(covariance))
+    found = laplace_posterior(LinearModel(rows.measured, jacobian), factored(covariance))
     density = multivariate_normal(cov=covariance + jacobian @ jacobian.T).logpdf(rows.measured)
     assert found.log_evidence == pytest.approx(density + 0.5 * len(rows.measured) * np.log(2.0 * np.pi))
 
@@ -122,7 +122,7 @@ def test_the_posterior_is_that_of_conditioning_a_joint_normal():
     rows = small_rows()
     jacobian = np.random.default_rng(3).normal(size=(len(rows.measured), 2))
     covariance = dense(rows, np.empty((len(rows.measured), 0)), 0.05)
-    found = laplace_posterior(Linear(rows.measured, jacobian), factored(covariance))
+    found = laplace_posterior(LinearModel(rows.measured, jacobian), factored(covariance))
     gain = jacobian.T @ np.linalg.inv(covariance + jacobian @ jacobian.T)
     assert np.allclose(found.mean, gain @ rows.measured)
     assert np.allclose(found.covariance, np.eye(2) - gain @ jacobian)
@@ -133,9 +133,9 @@ def test_loose_directions_widen_the_covariance():
     random = np.random.default_rng(4)
     jacobian, extra_directions = random.normal(size=(len(rows.measured), 2)), random.normal(size=(len(rows.measured), 3))
     basis = basis_of(rows, np.empty((len(rows.measured), 0)))
-    (found,) = laplace_posteriors(Linear(rows.measured, jacobian), (AtError(basis, 0.02),), extra_directions)
+    (found,) = laplace_posteriors(LinearModel(rows.measured, jacobian), (AtError(basis, 0.02),), extra_directions)
     wider = dense(rows, np.empty((len(rows.measured), 0)), 0.02) + extra_directions @ extra_directions.T
-    direct = laplace_posterior(Linear(rows.measured, jacobian), factored(wider))
+    direct = laplace_posterior(LinearModel(rows.measured, jacobian), factored(wider))
     assert found.log_evidence == pytest.approx(direct.log_evidence)
     assert np.allclose(found.mean, direct.mean)
 
@@ -154,7 +154,7 @@ def test_a_condition_is_foretold_as_by_a_fit_to_the_others_alone():
     rows, random = small_rows(conditions=4), np.random.default_rng(5)
     m = len(rows.measured)
     whitening = AtError(basis_of(rows, random.normal(size=(m, 2))), 0.02)
-    linear, covariance = Linear(random.normal(size=m), random.normal(size=(m, 3))), whitening.covariance()
+    linear, covariance = LinearModel(random.normal(size=m), random.normal(size=(m, 3))), whitening.covariance()
     assert whitening.variance() == pytest.approx(np.diag(covariance))
     apart = loo_residuals(linear, whitening, rows.condition, [0, 2])
     assert not apart[(rows.condition == 1) | (rows.condition == 3)].any()
@@ -167,7 +167,7 @@ def test_a_condition_is_foretold_as_by_a_fit_to_the_others_alone():
 def test_without_unknowns_all_of_a_held_out_condition_remains():
     rows = small_rows(conditions=3)
     whitening = AtError(basis_of(rows, np.empty((len(rows.measured), 0))), 0.02)
-    linear = Linear(rows.measured, np.empty((len(rows.measured), 0)))
+    linear = LinearModel(rows.measured, np.empty((len(rows.measured), 0)))
     assert loo_residuals(linear, whitening, rows.condition, range(3)) == pytest.approx(rows.measured)
     assert jackknife_std(linear, whitening, rows.condition).shape == (0,)
 

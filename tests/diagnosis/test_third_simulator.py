@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rfca_rig.analysis.fitting.space import Parameter as Nuisance
+from rfca_rig.analysis.fitting.space import FitParameter as Nuisance
 from rfca_rig.analysis.fitting.space import Space
 from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.data.observations import Label, Observations

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from rfca_rig.cli.commands.doctor import WIDTH, _lines
 from rfca_rig.codecs.cubemars_ranges import mit_ranges
-from rfca_rig.codecs.odrive_messages import Dialect
+from rfca_rig.codecs.odrive_messages import OdriveFirmware
 from rfca_rig.doctor.finding import red
 from rfca_rig.doctor.judging.cubemars_mit import judge_mit
 from rfca_rig.doctor.judging.cubemars_servo import judge_servo
@@ -39,7 +39,7 @@ def heard(draw) -> HeardFrame:
 @settings(deadline=None, max_examples=300)
 @given(st.lists(heard(), max_size=20).map(lambda frames: sorted(frames, key=lambda one: one.at_s)))
 def test_any_frames_are_judged(frames):
-    for dialect in Dialect:
+    for dialect in OdriveFirmware:
         wanted = OdriveWanted(1, 2e-3, dialect)
         assert all(whole(one) for one in judge_odrive(odrive_seen(frames, wanted), wanted))
     for asked in (True, False):

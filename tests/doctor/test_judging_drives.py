@@ -6,7 +6,7 @@ import pytest
 
 from rfca_rig.codecs.cubemars_mit import MitReply
 from rfca_rig.codecs.cubemars_servo import Status
-from rfca_rig.codecs.odrive_messages import Dialect, Heartbeat, Part, PartError
+from rfca_rig.codecs.odrive_messages import Heartbeat, OdriveFirmware, OdrivePart, PartError
 from rfca_rig.doctor.judging.cubemars_mit import MitSeen, judge_mit
 from rfca_rig.doctor.judging.cubemars_servo import ServoSeen, judge_servo
 from rfca_rig.doctor.judging.moteus import MoteusAnswer, MoteusSeen, judge_moteus
@@ -14,7 +14,7 @@ from rfca_rig.doctor.judging.odrive import OdriveSeen, OdriveWanted, judge_odriv
 from tests.doctor.said import colours, whole
 
 WANTED = OdriveWanted(5, 2e-3)
-OLDER = OdriveWanted(5, 2e-3, Dialect.V0_5)
+OLDER = OdriveWanted(5, 2e-3, OdriveFirmware.V0_5)
 IDLE = Heartbeat(0, 1, 0, False)
 HEALTHY = OdriveSeen(own_frames=1000, beat=IDLE, period_s=2e-3, torques=500, firmware="0.6.11")
 
@@ -57,8 +57,8 @@ def test_what_is_wrong_with_an_odrive_is_named_with_its_remedy(seen, wanted, say
 
 
 def test_the_errors_of_its_parts_are_told_where_known():
-    failed = replace(IDLE, error=0x40, failed=(Part.MOTOR, Part.ENCODER))
-    seen = replace(HEALTHY, firmware=None, beat=failed, part_errors=(PartError(Part.MOTOR, 1),))
+    failed = replace(IDLE, error=0x40, failed=(OdrivePart.MOTOR, OdrivePart.ENCODER))
+    seen = replace(HEALTHY, firmware=None, beat=failed, part_errors=(PartError(OdrivePart.MOTOR, 1),))
     assert "PHASE_RESISTANCE_OUT_OF_RANGE" in odrive(seen, OLDER)
     assert "encoder error" in odrive(seen, OLDER)
 

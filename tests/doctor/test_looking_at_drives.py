@@ -11,7 +11,7 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs import cansimple, moteus
 from rfca_rig.codecs.cubemars_mit import Special, encode_special
 from rfca_rig.codecs.moteus import Read
-from rfca_rig.codecs.odrive_messages import AxisState, Command, Dialect, Heartbeat, OlderCommand, Part
+from rfca_rig.codecs.odrive_messages import AxisState, Heartbeat, OdriveCommand, OdriveFirmware, OdrivePart, OlderCommand
 from rfca_rig.contracts.motor_rig import MotorRig, drained, motor_rig
 from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, OdriveSection
 from rfca_rig.doctor.finding import Finding
@@ -67,7 +67,7 @@ def test_a_healthy_odrive_is_green_and_was_only_asked_for_its_version():
         findings = checked(rig, ODRIVE)
         assert set(colours(findings).values()) == {"green"} and len(findings) == 5, said(findings)
         sent = [message for message in drained(rig.observer) if message.is_remote_frame]
-        assert [message.arbitration_id for message in sent] == [5 << 5 | Command.VERSION]
+        assert [message.arbitration_id for message in sent] == [5 << 5 | OdriveCommand.VERSION]
 
 
 def test_an_odrive_that_somebody_runs_is_only_listened_to():
@@ -93,7 +93,7 @@ def test_a_wrong_period_is_told():
 
 
 def test_an_older_odrive_tells_the_error_of_its_part():
-    with wired(odrive(dialect=Dialect.V0_5)) as rig:
+    with wired(odrive(dialect=OdriveFirmware.V0_5)) as rig:
         assert set(colours(checked(rig, OLDER)).values()) == {"green"}
         rig.twin.fail(0x40)
         findings = checked(rig, OLDER)
@@ -102,12 +102,12 @@ def test_an_older_odrive_tells_the_error_of_its_part():
 
 
 def test_the_error_of_a_part_is_asked_for_and_others_are_not():
-    with wired(odrive(node_id=3, dialect=Dialect.V0_5)) as rig:
-        identifier, data = cansimple.heartbeat(5, Heartbeat(0x40, 1, 0, False, (Part.MOTOR,)), Dialect.V0_5)
+    with wired(odrive(node_id=3, dialect=OdriveFirmware.V0_5)) as rig:
+        identifier, data = cansimple.heartbeat(5, Heartbeat(0x40, 1, 0, False, (OdrivePart.MOTOR,)), OdriveFirmware.V0_5)
         rig.observer.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
         assert "motor error" in said(checked(rig, OLDER))
         asked = {message.arbitration_id for message in drained(rig.observer) if message.is_remote_frame}
-        assert asked == {5 << 5 | Command.VERSION, 5 << 5 | OlderCommand.MOTOR_ERROR}
+        assert asked == {5 << 5 | OdriveCommand.VERSION, 5 << 5 | OlderCommand.MOTOR_ERROR}
 
 
 def test_a_drive_in_mit_mode_is_asked_by_the_frame_that_switches_it_off():

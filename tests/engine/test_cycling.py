@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, ShaftSamples
-from rfca_rig.engine.cycling import BEFORE_START_RAD, MOST_TURNS, Tally, Turning, check_turns
+from rfca_rig.engine.cycling import BEFORE_START_RAD, MOST_TURNS, CycleTally, Turning, check_turns
 from rfca_rig.engine.run import Supervision, run_plan
 from rfca_rig.engine.stages import MOVE_TICK_S
 from rfca_rig.engine.stop_request import StopLevel
@@ -63,7 +63,7 @@ def samples(random, count, begin_s):
 
 
 def test_a_tally_is_what_all_samples_of_the_cycle_together_say():
-    random, tally = np.random.default_rng(1), Tally(SensorScale(1e6, 2e6, 1e3))
+    random, tally = np.random.default_rng(1), CycleTally(SensorScale(1e6, 2e6, 1e3))
     for cycle in (1, 2):
         ticks = [samples(random, 5, 0.005 * (10 * cycle + tick)) for tick in range(10)]
         for shaft, force in ticks:

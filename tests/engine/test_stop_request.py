@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.odrive_messages import Command
+from rfca_rig.codecs.odrive_messages import OdriveCommand
 from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.run import Supervision, run_plan
 from rfca_rig.engine.stop_request import StopLevel, StopRequest
@@ -115,4 +115,4 @@ def test_after_the_stop_no_command_leaves_any_more(tmp_path):
         for command in (lambda: loop.to_angle(0.0, 0.0, 0.002), lambda: loop.at_speed(1.0, 0.002)):
             with pytest.raises(DeviceError, match="nothing moves before it is begun anew"):
                 command()
-        assert not [frame for frame in wiretap.sent if frame.arbitration_id & 0x1F in {*MOTION, Command.CONTROLLER_MODE}]
+        assert not [frame for frame in wiretap.sent if frame.arbitration_id & 0x1F in {*MOTION, OdriveCommand.CONTROLLER_MODE}]

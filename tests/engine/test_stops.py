@@ -6,7 +6,7 @@ import can
 import numpy as np
 import pytest
 
-from rfca_rig.codecs.odrive_messages import AxisState, Command
+from rfca_rig.codecs.odrive_messages import AxisState, OdriveCommand
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import DeviceError, Stopped, Tripped
@@ -14,7 +14,7 @@ from rfca_rig.protocol.plan import Flap
 from rfca_rig.recording.run_folder import read_stages
 from tests.engine.rigs import changed, nothing, one_condition, recorder_on, twin_rig
 
-MOTION = {Command.INPUT_POS, Command.INPUT_VEL, Command.INPUT_TORQUE}
+MOTION = {OdriveCommand.INPUT_POS, OdriveCommand.INPUT_VEL, OdriveCommand.INPUT_TORQUE}
 
 
 class Wiretap:
@@ -41,7 +41,7 @@ def tapped(bench: Bench) -> Wiretap:
 def ends_without_torque(wiretap: Wiretap) -> bool:
     """The last word on the wire is: idle; nothing moves after it."""
     commands = [(message.arbitration_id & 0x1F, bytes(message.data)) for message in wiretap.sent]
-    idle = max(i for i, (command, data) in enumerate(commands) if command == Command.AXIS_STATE and data[0] == AxisState.IDLE)
+    idle = max(i for i, (command, data) in enumerate(commands) if command == OdriveCommand.AXIS_STATE and data[0] == AxisState.IDLE)
     return not any(command in MOTION for command, _ in commands[idle:])
 
 
@@ -200,7 +200,7 @@ def test_an_emergency_stop_at_the_drive_trips_with_its_meaning(tmp_path):
                 self.calls += 1
                 bench.motor.command_angle(angle_rad, speed_rad_s)
                 if self.calls == 300:
-                    bench.motor._bus.send(can.Message(arbitration_id=(rig.motor.node_id << 5) | Command.ESTOP, is_extended_id=False))
+                    bench.motor._bus.send(can.Message(arbitration_id=(rig.motor.node_id << 5) | OdriveCommand.ESTOP, is_extended_id=False))
 
             def __getattr__(self, name):
                 return getattr(bench.motor, name)

@@ -11,7 +11,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.exam.calibrate import Labelled, cross_validate, fit_weights, main, read_labelled
 from rfca_rig.exam.claims import calibration_error
 from rfca_rig.exam.examine import DIAGNOSES
-from rfca_rig.exam.plan import Plan, begin
+from rfca_rig.exam.plan import ExamPlan, begin
 from rfca_rig.exam.sealing import seal_all
 from tests.exam_cases.test_score import truth
 
@@ -64,7 +64,7 @@ def test_calibration_error_of_boasting():
 
 def folder_with(tmp_path, support):
     folder = tmp_path / "benchmark"
-    begin(folder, Plan(1, {"one effect": 1}))
+    begin(folder, ExamPlan(1, {"one effect": 1}))
     seal_all([truth("case-0001", effects={"hinge_backlash": {"half_gap_deg": 1.0}})], folder)
     answer = folder / DIAGNOSES / "case-0001"
     answer.mkdir(parents=True)

@@ -10,7 +10,7 @@ from rfca_rig.exam import cases
 from rfca_rig.exam.cases import DEFAULT_NUMBERS, KINDS, NEVER_TOGETHER, drawn_cases, shared_out
 from rfca_rig.exam.injected_faults import EFFECTS, with_effect
 from rfca_rig.exam.labels import MISLABELLED
-from rfca_rig.exam.sampled_rig import Scatter, world_of
+from rfca_rig.exam.sampled_rig import ExamScatter, world_of
 from rfca_rig.exam.sizes import SPANS, STRANGER_SPANS
 from rfca_rig.exam.unknown_faults import NAMES
 from rfca_rig.exam.visible import size_of
@@ -87,7 +87,7 @@ def test_every_wrong_label_changes_what_is_written_or_what_is(said):
     from rfca_rig.exam.labels import columns_as_written, really, speed_as_written
 
     case = drawn_cases(1, {cases.NOTHING: 1})[0]
-    world = world_of(case, 0.215, Scatter(), 1)
+    world = world_of(case, 0.215, ExamScatter(), 1)
     columns = {"fy_N": np.array([1.0]), "fz_N": np.array([2.0]), "tx_Nm": np.array([3.0])}
     changed = really(world, said) != world, columns_as_written(columns, said) != columns, speed_as_written(2.0, (2.0, 3.0), said) != 2.0
     assert sum(changed) == 1
@@ -123,4 +123,4 @@ def test_an_unknown_effect_is_refused():
     from rfca_rig.errors import BadInput
 
     with pytest.raises(BadInput, match="nonsense"):
-        with_effect(world_of(drawn_cases(1, {cases.NOTHING: 1})[0], 0.215, Scatter(), 1), "nonsense", {})
+        with_effect(world_of(drawn_cases(1, {cases.NOTHING: 1})[0], 0.215, ExamScatter(), 1), "nonsense", {})

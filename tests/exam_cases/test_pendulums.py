@@ -15,7 +15,7 @@ from rfca_rig.exam.pendulum_cases import (
     PENDULUM_SINGLE,
     SPANS,
     PendulumCase,
-    Reading,
+    SamplingErrors,
     _values,
     torque_scale_Nm,
 )
@@ -27,7 +27,7 @@ from rfca_rig.model.pendulum import swing as swing_of_model
 
 RIG = PendulumWorld((0.4, 0.3), (0.6, 0.4), (0.3, 0.2), (0.06, 0.018), (0.004, 0.003))
 ONE = PendulumWorld((0.4,), (0.6,), (0.3,), (0.06,), (0.004,))
-CASE = PendulumCase("case", PENDULUM_SINGLE, 1, RIG, RIG, Reading(), (True,), friction=Friction(sign_rad_s=5e-4))
+CASE = PendulumCase("case", PENDULUM_SINGLE, 1, RIG, RIG, SamplingErrors(), (True,), friction=Friction(sign_rad_s=5e-4))
 
 
 def tones(world):

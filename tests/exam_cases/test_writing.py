@@ -13,11 +13,11 @@ from rfca_rig.cli.lines import WIDTH
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam import cases
 from rfca_rig.exam.cases import Case, drawn_cases
-from rfca_rig.exam.designs import Design
+from rfca_rig.exam.designs import ExamDesign
 from rfca_rig.exam.experiment import stroke_traces
 from rfca_rig.exam.injected_faults import EFFECTS
 from rfca_rig.exam.nominal_world import OffBy
-from rfca_rig.exam.sampled_rig import Scatter, world_of
+from rfca_rig.exam.sampled_rig import ExamScatter, world_of
 from rfca_rig.exam.score import score
 from rfca_rig.exam.scoring import mark, wording
 from rfca_rig.exam.sealing import open_all
@@ -25,7 +25,7 @@ from rfca_rig.exam.simulate_campaign import add_experiment, write_campaign
 from rfca_rig.exam.unknown_faults import NAMES
 from rfca_rig.exam.write import write_cases
 
-SMALL = Design(conditions=((215.0, 3.0), (235.0, 2.0)), repeats=2, static_heights_mm=(215.0,))
+SMALL = ExamDesign(conditions=((215.0, 3.0), (235.0, 2.0)), repeats=2, static_heights_mm=(215.0,))
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def test_repeats_differ_by_scatter_and_noise(written):
 
 def test_scatter_reaches_floor_height_and_start():
     case = drawn_cases(1, {cases.NOTHING: 1})[0]
-    plain, other = (world_of(case, 0.215, scatter, 1) for scatter in (Scatter(), Scatter(1e-4, 5e-3, 2e-3)))
+    plain, other = (world_of(case, 0.215, scatter, 1) for scatter in (ExamScatter(), ExamScatter(1e-4, 5e-3, 2e-3)))
     assert other.floor.mu - plain.floor.mu == pytest.approx(5e-3)
     assert other.mount.height_m - plain.mount.height_m == pytest.approx(1e-4)
     assert other.drive.start_angle_rad - plain.drive.start_angle_rad == pytest.approx(2e-3)
@@ -79,7 +79,7 @@ def test_scatter_reaches_floor_height_and_start():
 def test_a_drive_obeys_as_late_as_the_case_has_it():
     late = replace(drawn_cases(1, {cases.SINGLE: 1})[0], effects={}, off=OffBy(), structured=None, late_s=2.5e-3)
     soon = replace(late, late_s=0.0)
-    angle_rad = [stroke_traces(world_of(case, 0.3, Scatter(), 1), 2.433).motor_angle_rad for case in (late, soon)]
+    angle_rad = [stroke_traces(world_of(case, 0.3, ExamScatter(), 1), 2.433).motor_angle_rad for case in (late, soon)]
     assert (angle_rad[1] - angle_rad[0])[-100:] == pytest.approx(2.5e-3 * 2.433, rel=1e-3)
     assert 0.0 < max(case.late_s for case in drawn_cases(1) if case.kind in cases.LEG_KINDS) < 3e-3
 

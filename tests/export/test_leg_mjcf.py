@@ -12,7 +12,7 @@ from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.exam.cases import NOTHING, drawn_cases
-from rfca_rig.exam.designs import Design
+from rfca_rig.exam.designs import ExamDesign
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.export.leg_mjcf import export_leg
 from rfca_rig.mechanism.amend import write_amended_model
@@ -30,7 +30,7 @@ from tests.campaign.small import SMALL
 from tests.cli.typed import typed
 from tests.model.legs import PAPER
 
-SHORT = Design(tuple((height, speed) for height in (205.0, 225.0) for speed in (2.4, 4.0)), 2, (205.0,))
+SHORT = ExamDesign(tuple((height, speed) for height in (205.0, 225.0) for speed in (2.4, 4.0)), 2, (205.0,))
 HEIGHT_M, SPEED_RAD_S = 0.215, 3.25
 TIGHT = Tolerance(angle_rad=1e-7, speed_rad_s=3e-4)
 

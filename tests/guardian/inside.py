@@ -11,9 +11,9 @@ from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.cubemars_mit import MitReply, encode_reply
 from rfca_rig.drivers.cubemars_last_word import MitLastWord
 from rfca_rig.drivers.cubemars_settings import MitSettings
-from rfca_rig.guardian.link import Link
+from rfca_rig.guardian.link import GuardianLink
 from rfca_rig.guardian.process import Guardian
-from rfca_rig.guardian.records import Kind, Record, of_frame
+from rfca_rig.guardian.records import GuardianRecord, RecordKind, of_frame
 from rfca_rig.twins.can_wire import can_wire
 
 SETTINGS = MitSettings(1, "AK80-9")
@@ -38,30 +38,30 @@ class Inside:
     clock: TwinClock
     guardian: Guardian
     drive: can.BusABC
-    parent: Link
-    said: list[Record] = field(default_factory=list)
+    parent: GuardianLink
+    said: list[GuardianRecord] = field(default_factory=list)
 
     def arm(self, number: int = 1) -> None:
-        self.put(Record(Kind.ARM, self.clock.now_s(), number=number))
+        self.put(GuardianRecord(RecordKind.ARM, self.clock.now_s(), number=number))
 
     def command(self, number: int = 0) -> None:
         self.put(of_frame(command(number), self.clock.now_s()))
 
-    def put(self, record: Record) -> None:
+    def put(self, record: GuardianRecord) -> None:
         self.parent.put(record)
         self.parent.flush()
 
     def confirmed(self, message: can.Message) -> str:
-        self.put(of_frame(message, self.clock.now_s(), Kind.FRAME_TO_CONFIRM, 1))
+        self.put(of_frame(message, self.clock.now_s(), RecordKind.FRAME_TO_CONFIRM, 1))
         self.guardian.round(self.clock.now_s())
-        return self.told(Kind.CONFIRMED)[-1].text
+        return self.told(RecordKind.CONFIRMED)[-1].text
 
     def rounds(self, seconds: float, every_s: float = 1e-3) -> None:
         for _ in range(round(seconds / every_s)):
             self.clock.wait_until(self.clock.now_s() + every_s)
             self.guardian.round(self.clock.now_s())
 
-    def told(self, kind: Kind) -> list[Record]:
+    def told(self, kind: RecordKind) -> list[GuardianRecord]:
         while new := self.parent.take():
             self.said += new
             self.guardian._link.flush()
@@ -78,5 +78,5 @@ def inside(bus: can.BusABC | None = None) -> Iterator[Inside]:
     clock = TwinClock()
     here, there = socket.socketpair()
     with here, there, can_wire() as (guardians_end, drive):
-        guardian = Guardian(bus or guardians_end, Link(there), LAST_WORD, SILENCE_S, clock)
-        yield Inside(clock, guardian, drive, Link(here))
+        guardian = Guardian(bus or guardians_end, GuardianLink(there), LAST_WORD, SILENCE_S, clock)
+        yield Inside(clock, guardian, drive, GuardianLink(here))

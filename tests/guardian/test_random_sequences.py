@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.guardian.records import Kind
+from rfca_rig.guardian.records import RecordKind
 from tests.guardian.inside import EXIT, LAST_WORD, LIMP, SILENCE_S, Inside, inside
 
 PAUSES_S = (0.0, 0.001, 0.01, 0.09, 0.11, 0.5)
@@ -24,7 +24,7 @@ def test_commands_reach_the_drive_only_while_they_keep_coming(seed):
             i.clock.wait_until(i.clock.now_s() + random.choice(PAUSES_S))
         i.rounds(SILENCE_S + 0.01)
         heard += i.heard()
-        assert len(i.told(Kind.LET_GO)) <= [name for name, _ in done].count("arm")
+        assert len(i.told(RecordKind.LET_GO)) <= [name for name, _ in done].count("arm")
     commands = [int.from_bytes(data, "big") for data in heard if data not in {LIMP, EXIT}]
     assert [number for number in commands if not is_watched(done, number)] == []
     assert not heard or heard[-1] in {LIMP, EXIT}, "the drive was left with a command"

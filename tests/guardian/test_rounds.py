@@ -3,7 +3,7 @@
 import can
 import pytest
 
-from rfca_rig.guardian.records import Kind, Record, encode, frame_of, of_frame, silenced_of, split
+from rfca_rig.guardian.records import GuardianRecord, RecordKind, encode, frame_of, of_frame, silenced_of, split
 from rfca_rig.guardian.torque_off import EVERY_S, FOR_S, LEAST_TIMES
 from rfca_rig.twins.can_wire import CanEnd
 from tests.guardian.inside import EXIT, LAST_WORD, LIMP, command, inside, reply
@@ -30,7 +30,7 @@ def test_frames_of_the_bus_reach_the_parent_in_order():
         for number in range(300):
             i.drive.send(command(number))
         i.rounds(0.003)
-        assert [int.from_bytes(frame_of(record).data, "big") for record in i.told(Kind.FRAME)] == list(range(300))
+        assert [int.from_bytes(frame_of(record).data, "big") for record in i.told(RecordKind.FRAME)] == list(range(300))
 
 
 # -- passing ---------------------------------------------------------------------------------------------------------------------
@@ -69,7 +69,7 @@ def test_the_drivers_own_last_word_ends_the_watch_until_it_arms_again():
         i.command(2)
         i.rounds(1.0)
         assert i.heard() == []
-        assert i.told(Kind.LET_GO) == []
+        assert i.told(RecordKind.LET_GO) == []
 
 
 def test_a_command_without_gains_alone_does_not_end_the_watch():
@@ -77,7 +77,7 @@ def test_a_command_without_gains_alone_does_not_end_the_watch():
         i.arm()
         i.confirmed(LAST_WORD.frames()[0])
         i.rounds(0.11)
-        assert len(i.told(Kind.LET_GO)) == 1
+        assert len(i.told(RecordKind.LET_GO)) == 1
 
 
 # -- silence ---------------------------------------------------------------------------------------------------------------------
@@ -95,7 +95,7 @@ def test_it_never_lets_go_while_commands_come_even_where_it_gets_little_time_its
             if i.clock.now_s() >= due_s:
                 i.guardian.round(i.clock.now_s())
                 due_s = i.clock.now_s() + every_s
-        assert i.told(Kind.LET_GO) == []
+        assert i.told(RecordKind.LET_GO) == []
         assert LIMP not in i.heard()
 
 
@@ -107,7 +107,7 @@ def test_it_lets_go_after_the_silence_and_says_how_long_it_was():
         assert i.heard() == [bytes(command(1).data)]
         i.rounds(0.002)
         assert i.heard() == [LIMP, EXIT]
-        assert i.told(Kind.LET_GO)[0].text in {"guardian let go after 100 ms of silence", "guardian let go after 101 ms of silence"}
+        assert i.told(RecordKind.LET_GO)[0].text in {"guardian let go after 100 ms of silence", "guardian let go after 101 ms of silence"}
 
 
 def test_reading_and_asking_do_not_count_as_commands():
@@ -117,7 +117,7 @@ def test_reading_and_asking_do_not_count_as_commands():
             i.drive.send(reply(1.0))
             i.confirmed(LAST_WORD.frames()[0])
             i.rounds(0.002)
-        assert len(i.told(Kind.LET_GO)) == 1
+        assert len(i.told(RecordKind.LET_GO)) == 1
 
 
 def test_it_is_latched_until_it_is_armed_again():
@@ -129,7 +129,7 @@ def test_it_is_latched_until_it_is_armed_again():
             i.command(number)
             i.rounds(0.01)
         assert i.heard() == []
-        assert len(i.told(Kind.LET_GO)) == 1
+        assert len(i.told(RecordKind.LET_GO)) == 1
         i.arm(2)
         i.command(9)
         i.rounds(0.001)
@@ -153,7 +153,7 @@ def test_a_flooded_bus_hides_no_silence():
             for _ in range(300):
                 i.drive.send(reply(1.0))
             i.rounds(0.001)
-        assert len(i.told(Kind.LET_GO)) == 1
+        assert len(i.told(RecordKind.LET_GO)) == 1
 
 
 def test_a_parent_that_reads_nothing_holds_nothing_up_and_finds_afterwards_what_happened():
@@ -164,10 +164,10 @@ def test_a_parent_that_reads_nothing_holds_nothing_up_and_finds_afterwards_what_
                 i.drive.send(reply(1.0))
             i.rounds(0.001)
         assert i.heard()[:2] == [LIMP, EXIT]
-        i.told(Kind.LET_GO)
+        i.told(RecordKind.LET_GO)
         i.rounds(0.05)
-        assert len(i.told(Kind.LET_GO)) == len(i.told(Kind.SILENCED)) == 1
-        assert 0 < len(i.told(Kind.FRAME)) < 20_000
+        assert len(i.told(RecordKind.LET_GO)) == len(i.told(RecordKind.SILENCED)) == 1
+        assert 0 < len(i.told(RecordKind.FRAME)) < 20_000
 
 
 # -- the last word ---------------------------------------------------------------------------------------------------------------
@@ -181,7 +181,7 @@ def test_it_is_repeated_until_the_drive_shows_no_torque():
             i.drive.send(reply(torque_Nm))
             i.rounds(EVERY_S)
         assert i.heard() == [LIMP, EXIT] * 5
-        did = silenced_of(i.told(Kind.SILENCED)[0])
+        did = silenced_of(i.told(RecordKind.SILENCED)[0])
         assert did.silent_s == pytest.approx(0.1, abs=1.1e-3)
         assert did.took_s == pytest.approx(4 * EVERY_S, abs=2.1e-3)
         assert abs(did.torque_Nm) < 0.01
@@ -206,7 +206,7 @@ def test_a_drive_that_does_not_show_it_is_told_for_a_while_and_then_reported_so(
                 i.drive.send(reply(torque_Nm))
             i.rounds(0.001)
         assert len(i.heard()) == pytest.approx(2 * FOR_S / EVERY_S, abs=4)
-        did = silenced_of(i.told(Kind.SILENCED)[0])
+        did = silenced_of(i.told(RecordKind.SILENCED)[0])
         assert did.took_s == pytest.approx(FOR_S, abs=0.01)
         assert (did.reports == 0) == (torque_Nm is None)
 
@@ -255,8 +255,8 @@ def test_it_goes_on_until_the_bus_takes_it():
     with inside(bus) as i:
         i.arm()
         i.rounds(2.0)
-        assert i.told(Kind.SILENCED) == []
-        assert "last word was not taken: ValueError: no such device" in i.told(Kind.BUS_ERROR)[-1].text
+        assert i.told(RecordKind.SILENCED) == []
+        assert "last word was not taken: ValueError: no such device" in i.told(RecordKind.BUS_ERROR)[-1].text
         bus.refused = lambda _: False
         i.rounds(0.02)
         assert bus.taken[:2] == [LIMP, EXIT]
@@ -271,7 +271,7 @@ def test_a_frame_that_the_bus_refuses_is_told():
         i.arm()
         i.command(1)
         i.rounds(0.001)
-        assert i.told(Kind.BUS_ERROR)[0].text == "no such device"
+        assert i.told(RecordKind.BUS_ERROR)[0].text == "no such device"
         assert i.confirmed(LAST_WORD.frames()[1]) == "no such device"
 
 
@@ -290,8 +290,8 @@ def test_a_bus_that_cannot_be_read_is_told_again_and_again_and_is_still_sent_to(
     with inside(bus) as i:
         i.arm()
         i.rounds(0.2)
-        assert 3 < len(i.told(Kind.BUS_ERROR)) < 15
-        assert {record.text for record in i.told(Kind.BUS_ERROR)} == {"cable pulled"}
+        assert 3 < len(i.told(RecordKind.BUS_ERROR)) < 15
+        assert {record.text for record in i.told(RecordKind.BUS_ERROR)} == {"cable pulled"}
         assert bus.taken[:2] == [LIMP, EXIT]
 
 
@@ -309,13 +309,13 @@ def test_at_the_end_it_lets_go_of_a_drive_that_is_armed(signal, close, said):
         i.arm()
         i.guardian.round(0.0)
         if close:
-            i.put(Record(Kind.CLOSE, 0.0))
+            i.put(GuardianRecord(RecordKind.CLOSE, 0.0))
         elif not signal:
             i.parent.close()
         i.guardian.run(lambda: signal)
         assert i.heard()[:2] == [LIMP, EXIT]
         if signal or close:
-            assert said in i.told(Kind.LET_GO)[0].text
+            assert said in i.told(RecordKind.LET_GO)[0].text
 
 
 def test_at_the_end_it_says_nothing_to_a_drive_that_is_not_armed():
@@ -333,4 +333,4 @@ def test_a_mistake_of_its_own_ends_it_with_the_last_word():
         with pytest.raises(TypeError):
             i.guardian.run(lambda: "")
         assert i.heard()[:2] == [LIMP, EXIT]
-        assert "because of a mistake of its own (TypeError" in i.told(Kind.LET_GO)[0].text
+        assert "because of a mistake of its own (TypeError" in i.told(RecordKind.LET_GO)[0].text

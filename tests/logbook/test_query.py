@@ -5,7 +5,7 @@ from datetime import datetime
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.logbook.entry import Condition, Entry, Verdict
+from rfca_rig.logbook.entry import Entry, LoggedCondition, Verdict
 from rfca_rig.logbook.query import RunQuery, Span, ending_of, kind_of, since_until, source_of, span_of, verdict_of
 
 ENTRY = Entry(
@@ -16,7 +16,7 @@ ENTRY = Entry(
     began_s=datetime(2026, 11, 22, 14, 30).timestamp(),
     operator="M. Kölle",
     sample="Leg 7",
-    conditions=(Condition(215.0, 2.433), Condition(235.0, 3.276), Condition(235.0)),
+    conditions=(LoggedCondition(215.0, 2.433), LoggedCondition(235.0, 3.276), LoggedCondition(235.0)),
     ended="tripped",
     code="F-02",
     verdict=Verdict("named", ("motor_speed_droop",), 0.999),

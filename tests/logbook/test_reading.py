@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.campaign.importing import import_campaign
-from rfca_rig.logbook.entry import Condition, Entry, entry_of
+from rfca_rig.logbook.entry import Entry, LoggedCondition, entry_of
 from rfca_rig.logbook.reading import entry_in
 from rfca_rig.recording.identity import identity_of
 from rfca_rig.recording.store import read_recording
@@ -17,8 +17,8 @@ from tests.logbook.made import DONE, ROOT, STOPPED, TRIPPED, plan, run
 def as_recorded(path: Path) -> dict[str, object]:
     """The same of the recording, by the way that analyses read it."""
     recording = read_recording(path)
-    strokes = {Condition(round(1e3 * s.height_m, 6), s.speed_rad_s) for s in recording.strokes}
-    stages = {Condition(round(1e3 * s.height_m, 6)) for s in recording.static}
+    strokes = {LoggedCondition(round(1e3 * s.height_m, 6), s.speed_rad_s) for s in recording.strokes}
+    stages = {LoggedCondition(round(1e3 * s.height_m, 6)) for s in recording.static}
     identity = identity_of(recording.title, recording.source, recording.provenance)
     return {
         "title": recording.title,
@@ -85,7 +85,7 @@ def test_only_what_was_recorded_counts_and_what_had_begun_is_found(tmp_path):
         events.write(json.dumps({"event": "stage cut short", "why": "stopped"}) + "\n")
     entry = entry_in(tmp_path, "one")
     assert entry.strokes == 6
-    assert entry.conditions == (Condition(215.0, 2.433), Condition(215.0, 3.249), Condition(235.0, 2.478))
+    assert entry.conditions == (LoggedCondition(215.0, 2.433), LoggedCondition(215.0, 3.249), LoggedCondition(235.0, 2.478))
 
 
 def test_a_stage_that_a_crash_took_is_not_the_one_recorded_after_it(tmp_path):

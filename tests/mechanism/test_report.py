@@ -10,7 +10,7 @@ import pytest
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.comparison import compare_mechanism
-from rfca_rig.diagnosis.result import Overlay
+from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import ALL, FittedShift, SignalError, WindowFit
 from rfca_rig.report.diagnosis_pictures import _broken
 from rfca_rig.report.motions_page import MOST_SHOWN, MotionsReport, write_motions
@@ -114,7 +114,9 @@ def test_of_many_recordings_those_are_drawn_that_the_model_misses_most(tmp_path)
     names, t_s = [f"run {k}, repeat 1" for k in range(MOST_SHOWN + 3)], np.linspace(0.0, 1.0, 20)
     sizes = {name: 1.0 + (k * 7) % len(names) for k, name in enumerate(names)}
     errors = [SignalError(name, "arm_position_rad", 0.1, size, size, size) for name, size in sizes.items()]
-    overlays = [Overlay(name, "arm_position_rad", t_s, t_s, t_s + size, t_s + size, np.array([0.0, 0.5])) for name, size in sizes.items()]
+    overlays = [
+        SignalOverlay(name, "arm_position_rad", t_s, t_s, t_s + size, t_s + size, np.array([0.0, 0.5])) for name, size in sizes.items()
+    ]
     total = SignalError(ALL, "arm_position_rad", 0.1, 8.0, 8.0, 8.0)
     fit = WindowFit((FittedShift("arm.mass_relative", 0.02, 0.2, 0.01),), (), (), tuple(errors), (total,), tuple(overlays))
     write_motions(MotionsReport("motions of a mechanism", "arm", "model.xml", "mechanism", "f/1", 0.5), fit, tmp_path, Origin())

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from hypothesis import strategies as st
 
-from rfca_rig.protocol.experiments import Condition, Flapping, StaticStages, flapping_plan, static_plan
+from rfca_rig.protocol.experiments import Flapping, PlannedCondition, StaticStages, flapping_plan, static_plan
 from rfca_rig.protocol.fatigue import Check, Fatigue, fatigue_plan
 from rfca_rig.protocol.plan import SettleCriterion
 from tests.protocol.test_plans import RIG
@@ -18,7 +18,7 @@ RIGS = st.sampled_from([RIG, replace(RIG, first_strokes=(0.5, 0.75))])
 
 @st.composite
 def flapping_plans(draw):
-    conditions = draw(st.lists(st.builds(Condition, HEIGHTS, SPEEDS), min_size=1, max_size=4))
+    conditions = draw(st.lists(st.builds(PlannedCondition, HEIGHTS, SPEEDS), min_size=1, max_size=4))
     return flapping_plan(Flapping("f", conditions, draw(st.integers(1, 3)), 3.5, 3.0, SETTLE), draw(RIGS))
 
 

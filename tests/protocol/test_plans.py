@@ -8,13 +8,13 @@ import pytest
 
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.check import Load, check_plan
-from rfca_rig.protocol.experiments import Condition, Flapping, RigFacts, StaticStages, flapping_plan, static_plan
+from rfca_rig.protocol.experiments import Flapping, PlannedCondition, RigFacts, StaticStages, flapping_plan, static_plan
 from rfca_rig.protocol.plan import Flap, Hold, Limits, MoveShaft, Rates, SetHeight, SettleCriterion, way_to
 
 LIMITS = Limits(300.0, 25.0, 20.0, 0.3, 0.1, 0.05, 0.5, 0.2, 2.0, 0.1, 80.0, 0.05)
 RIG = RigFacts(0.25, 0.7, 0.05, LIMITS, Rates(7000.0, 1000.0))
 SETTLE = SettleCriterion(0.1, 0.001, 0.5, 10.0)
-CONDITIONS = (Condition(0.215, 2.0), Condition(0.215, 3.0), Condition(0.235, 2.5))
+CONDITIONS = (PlannedCondition(0.215, 2.0), PlannedCondition(0.215, 3.0), PlannedCondition(0.235, 2.5))
 
 
 def flapping(**changes):
@@ -49,7 +49,7 @@ def test_a_bent_leg_is_never_taken_backwards_to_the_start():
 
 
 def test_duration_and_size_follow_from_the_stages():
-    plan = flapping(conditions=(Condition(0.2, 2.0),), repeats=1)
+    plan = flapping(conditions=(PlannedCondition(0.2, 2.0),), repeats=1)
     stroke_s = 3.5 / 2.0 + 0.025
     assert plan.flaps[0].stroke_s == pytest.approx(stroke_s)
     assert plan.recorded_bytes == pytest.approx((0.2 + stroke_s) * (7000 * 48 + 1000 * 32), rel=1e-6)
@@ -77,7 +77,7 @@ def test_a_good_plan_passes():
 @pytest.mark.parametrize(
     ("plan", "load", "said"),
     [
-        (flapping(conditions=(Condition(0.215, 25.0),)), Load(1.0, 1.0), "25 rad/s is above the rig's limit of 20 rad/s"),
+        (flapping(conditions=(PlannedCondition(0.215, 25.0),)), Load(1.0, 1.0), "25 rad/s is above the rig's limit of 20 rad/s"),
         (flapping(return_speed_rad_s=21.0), Load(1.0, 1.0), "21 rad/s is above"),
         (flapping(), Load(301.0, 1.0), "expects 301 N"),
         (flapping(), Load(1.0, 25.5), "25.5 N m"),

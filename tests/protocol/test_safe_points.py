@@ -2,13 +2,13 @@
 
 import pytest
 
-from rfca_rig.protocol.experiments import Condition, Flapping, StaticStages, flapping_plan, static_plan
+from rfca_rig.protocol.experiments import Flapping, PlannedCondition, StaticStages, flapping_plan, static_plan
 from rfca_rig.protocol.plan import Flap, Hold, MoveShaft, SetHeight, SettleCriterion
 from rfca_rig.protocol.safe_points import way_to_safety
 from tests.protocol.test_plans import RIG
 
 SETTLE = SettleCriterion(0.3, 0.003, 0.3, 10.0)
-FLAPPING = flapping_plan(Flapping("f", (Condition(0.215, 2.4), Condition(0.235, 2.4)), 2, 3.5, 3.0, SETTLE), RIG)
+FLAPPING = flapping_plan(Flapping("f", (PlannedCondition(0.215, 2.4), PlannedCondition(0.235, 2.4)), 2, 3.5, 3.0, SETTLE), RIG)
 STATIC = static_plan(StaticStages("s", (0.215, 0.235), ((1.0, "loading"), (1.5, "loading")), 0.4, SETTLE, 0.5), RIG)
 
 

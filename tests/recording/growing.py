@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.blocks import Begin, Condition, End, event_block, samples_block, start_block
-from rfca_rig.recording.journal import Block, Kind
+from rfca_rig.recording.blocks import Begin, End, StrokeCondition, event_block, samples_block, start_block
+from rfca_rig.recording.journal import BlockKind, JournalBlock
 from rfca_rig.recording.keeper import DirectKeeper, Keeper
 from rfca_rig.recording.model import RawStage, Recording, StaticStage, Stroke
-from rfca_rig.recording.rows import ColumnForm, Rows, Start, StreamForm, stream_of
+from rfca_rig.recording.rows import ColumnForm, CommandedStart, Rows, StreamForm, stream_of
 from tests.recording.samples import WRENCH, recording, stage
 
 CLOCKS = (ColumnForm("host_s", "<f8", "s"), ColumnForm("device_s", "<f8", "s"))
 SHAFT = StreamForm("shaft", (ColumnForm("shaft_angle_rad", "<f8", "rad"), *CLOCKS))
 FORCE = StreamForm("force", (*(ColumnForm(name, "<i4", "N", 1e-6) for name in WRENCH), ColumnForm("status", "<u4", ""), *CLOCKS))
 FORMS = (SHAFT, FORCE)
-START = Start(100.25, {"shaft_angle_rad": -6.25, "host_s": -100.25})
+START = CommandedStart(100.25, {"shaft_angle_rad": -6.25, "host_s": -100.25})
 TICKS, PER_TICK = 12, 14
 SPEED = 2.433
 
@@ -47,7 +47,7 @@ def stroke(repeat: int) -> Stroke:
     return Stroke(0.215, SPEED, repeat, streams(repeat))
 
 
-def begun(repeat: int, ticks: int = TICKS) -> Iterator[Block]:
+def begun(repeat: int, ticks: int = TICKS) -> Iterator[JournalBlock]:
     """A stage up to a tick."""
     yield event_block({"event": "stage begins", "stage": f"stage {repeat}"})
     yield Begin(f"stage {repeat}", 0.215, FORMS).block()
@@ -57,9 +57,9 @@ def begun(repeat: int, ticks: int = TICKS) -> Iterator[Block]:
         yield samples_block(tick(repeat, number))
 
 
-def stroke_blocks(repeat: int) -> Iterator[Block]:
+def stroke_blocks(repeat: int) -> Iterator[JournalBlock]:
     yield from begun(repeat)
-    yield End(stroke=Condition(SPEED, repeat)).block()
+    yield End(stroke=StrokeCondition(SPEED, repeat)).block()
 
 
 def static_stage(number: int) -> StaticStage:
@@ -72,21 +72,21 @@ def picture(number: int) -> np.ndarray:
     return np.random.default_rng(number).integers(0, 255, (20, 30, 3), dtype=np.uint8)
 
 
-def static_blocks(number: int) -> Iterator[Block]:
+def static_blocks(number: int) -> Iterator[JournalBlock]:
     yield from begun(number)
     yield End(static=static_stage(number)).block()
 
 
-def hand_over(keeper: Keeper, number: int, blocks: Sequence[Block]) -> Iterator[Block]:
+def hand_over(keeper: Keeper, number: int, blocks: Sequence[JournalBlock]) -> Iterator[JournalBlock]:
     """The blocks of stage `number` of a run, each yielded once it is handed over; the photo before the end, as the rig does."""
     for block in blocks:
-        if block.kind is Kind.END and number % 4 == 2:
+        if block.kind is BlockKind.END and number % 4 == 2:
             assert keeper.keep_photo(picture(number)) == static_stage(number).photo
         keeper.give(block)
         yield block
 
 
-def run_blocks(count: int) -> list[Sequence[Block]]:
+def run_blocks(count: int) -> list[Sequence[JournalBlock]]:
     """Strokes and static stages in turn."""
     return [list(stroke_blocks(number) if number % 2 else static_blocks(number)) for number in range(1, count + 1)]
 
@@ -113,7 +113,7 @@ def grown(folder: Path, count: int) -> DirectKeeper:
     return keeper
 
 
-def exhaust(blocks: Iterator[Block]) -> None:
+def exhaust(blocks: Iterator[JournalBlock]) -> None:
     """All of them handed over."""
     for _ in blocks:
         pass

@@ -14,7 +14,7 @@ from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.checking import check_run
-from rfca_rig.recording.journal import Block, Kind, framed
+from rfca_rig.recording.journal import BlockKind, JournalBlock, framed
 from rfca_rig.recording.keeper import DirectKeeper
 from rfca_rig.recording.layout import journals
 from rfca_rig.recording.model import Recording
@@ -42,7 +42,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="a child is made
 STAGES = 3
 
 
-def whole_run(folder: Path, first: Recording, stages: Sequence[Sequence[Block]]):
+def whole_run(folder: Path, first: Recording, stages: Sequence[Sequence[JournalBlock]]):
     """A run from its first file to its last, which tells what was handed over, and each stage that is acknowledged."""
 
     def work(tell) -> None:
@@ -50,7 +50,7 @@ def whole_run(folder: Path, first: Recording, stages: Sequence[Sequence[Block]])
         keeper = DirectKeeper(folder)
         for number, blocks in enumerate(stages, start=1):
             for block in hand_over(keeper, number, blocks):
-                if block.kind is Kind.SAMPLES:
+                if block.kind is BlockKind.SAMPLES:
                     tell(TICK)
             assert keeper.acknowledged == number
             tell(STAGE)
@@ -123,12 +123,12 @@ class Collecting(DirectKeeper):
 
     def __init__(self, keeper: DirectKeeper) -> None:
         self._keeper = keeper
-        self.stages: list[list[Block]] = [[]]
+        self.stages: list[list[JournalBlock]] = [[]]
 
-    def give(self, block: Block) -> None:
+    def give(self, block: JournalBlock) -> None:
         self._keeper.give(block)
         self.stages[-1].append(block)
-        if block.kind is Kind.END:
+        if block.kind is BlockKind.END:
             self.stages.append([])
 
 
@@ -182,7 +182,7 @@ def cut_at(folder: Path, copy: Path, place: int, ends: np.ndarray) -> None:
     os.truncate(journal, place)
     found = recovered(copy)
     assert len(found.strokes) + len(found.static) == 2
-    ticks = sum(1 for end, block in zip(ends, list(begun(3))[1:], strict=True) if end <= place and block.kind is Kind.SAMPLES)
+    ticks = sum(1 for end, block in zip(ends, list(begun(3))[1:], strict=True) if end <= place and block.kind is BlockKind.SAMPLES)
     kept = [len(raw.streams["force"].t_s) for raw in found.raw if raw.cut_short]
     assert kept == ([ticks * PER_TICK] if ticks else [])
     shutil.rmtree(copy)
@@ -228,7 +228,7 @@ def test_recovering_twice_gives_the_same_bytes(tmp_path: Path):
 
 def test_a_journal_of_nonsense_in_whole_blocks_is_one_line(tmp_path: Path):
     journal = crashed(tmp_path / "run")
-    journal.write_bytes(framed(Block(Kind.BEGIN, b"{}")))
+    journal.write_bytes(framed(JournalBlock(BlockKind.BEGIN, b"{}")))
     with pytest.raises(BadInput, match=r"0003\.journal: is no journal of a stage"):
         recovered(tmp_path / "run")
 

@@ -9,7 +9,7 @@ import pytest
 
 from rfca_rig.recording import journal as journal_module
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.blocks import Begin, Condition, End, samples_block, start_block
+from rfca_rig.recording.blocks import Begin, End, StrokeCondition, samples_block, start_block
 from rfca_rig.recording.columns import ROWS_PER_CHUNK
 from rfca_rig.recording.cooperative import at_once
 from rfca_rig.recording.journal import blocks_in, framed, whole_blocks
@@ -45,7 +45,7 @@ def test_a_stage_of_several_pieces_is_what_was_handed_over(tmp_path: Path):
     keeper.give(start_block(START))
     for piece in pieces:
         keeper.give(samples_block(piece))
-    keeper.give(End(stroke=Condition(SPEED, 1)).block())
+    keeper.give(End(stroke=StrokeCondition(SPEED, 1)).block())
     keeper.finish("done")
     streams = {form.name: stream_of(form, np.concatenate(some), START) for form, some in zip(FORMS, zip(*pieces, strict=True), strict=True)}
     expected = replace(header(), strokes=(Stroke(0.215, SPEED, 1, streams),))

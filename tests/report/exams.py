@@ -10,7 +10,7 @@ import numpy as np
 from rfca_rig.exam.cases import NEVER_TOGETHER, Case, drawn_cases
 from rfca_rig.exam.labels import MISLABELLED, TOLD_BY_ENCODER
 from rfca_rig.exam.pendulum_cases import PendulumCase
-from rfca_rig.exam.plan import Plan, begin
+from rfca_rig.exam.plan import ExamPlan, begin
 from rfca_rig.exam.sealing import seal_all
 from rfca_rig.exam.sizes import SPANS
 from rfca_rig.exam.truth import FORMAT
@@ -18,7 +18,7 @@ from rfca_rig.exam.truth import FORMAT
 
 def made_up_exam(folder: Path, numbers: Mapping[str, int], false_names: float) -> Path:
     """An exam's folder without campaigns; a share `false_names` of the answers names something that is not there."""
-    begin(folder, Plan(3, numbers))
+    begin(folder, ExamPlan(3, numbers))
     cases = drawn_cases(3, numbers)
     seal_all([truth_of(case) for case in cases], folder)
     random = np.random.default_rng(3)

@@ -9,15 +9,15 @@ import pytest
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.result import (
     BeforeAfter,
-    Cell,
     Criterion,
     Diagnosis,
     Located,
+    MapCell,
     MovedPrior,
     NamedEffect,
     NotSeen,
-    Overlay,
     Rival,
+    SignalOverlay,
     StatedFamily,
     StatedPlace,
     Value,
@@ -47,13 +47,13 @@ KEYS = ["format", "verdict", "located", "effects", "not_seen", "fit", "unexplain
 
 def cells():
     flaps = [
-        Cell(signal, "dynamic", phase, condition, sigmas * SIZES[signal], sigmas * (1.0 + 0.06 * place))
+        MapCell(signal, "dynamic", phase, condition, sigmas * SIZES[signal], sigmas * (1.0 + 0.06 * place))
         for signal in ("fy_N", "fz_N", "tx_Nm")
         for phase, sigmas in PHASES.items()
         for place, condition in enumerate(CONDITIONS)
     ]
     stages = [
-        Cell(signal, "static", phase, height, sigmas * size, sigmas)
+        MapCell(signal, "static", phase, height, sigmas * size, sigmas)
         for signal, size in SIZES.items()
         for phase, sigmas in STATIC_PHASES.items()
         for height in HEIGHTS
@@ -65,7 +65,7 @@ def overlays():
     t_s = np.linspace(-0.1, 1.2, 66)
     pulse = np.exp(-(((t_s - 0.6) / 0.2) ** 2))
     return tuple(
-        Overlay(condition, signal, t_s, size * pulse, 1.2 * size * pulse, 1.01 * size * pulse)
+        SignalOverlay(condition, signal, t_s, size * pulse, 1.2 * size * pulse, 1.01 * size * pulse)
         for signal, size in OVERLAY_SIGNALS.items()
         for condition in CONDITIONS
     )
@@ -238,7 +238,7 @@ def test_what_is_not_known_is_null_and_never_nan(tmp_path):
     nan = float("nan")
     holes = replace(
         NAMED,
-        cells=(Cell("fz_N", "dynamic", "free", CONDITIONS[0], nan, np.inf),),
+        cells=(MapCell("fz_N", "dynamic", "free", CONDITIONS[0], nan, np.inf),),
         fit={"rms_fz_N": BeforeAfter(3.2, nan, None)},
         settings={"scatter": np.array([0.1, nan]), "seed": np.int64(7), "unset": None},
         next_experiment=None,

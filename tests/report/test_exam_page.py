@@ -10,7 +10,7 @@ from rfca_rig.exam.ablation import Named, TakenOut
 from rfca_rig.exam.bars import bars
 from rfca_rig.exam.cases import shared_out
 from rfca_rig.exam.outcome import OUTCOMES
-from rfca_rig.exam.plan import Plan
+from rfca_rig.exam.plan import ExamPlan
 from rfca_rig.exam.score import Share
 from rfca_rig.exam.scored import MarkedCase, examined
 from rfca_rig.report.exam_files import HEADER, as_json, write_exam
@@ -92,7 +92,7 @@ def test_an_exam_of_one_kind_is_told_without_what_it_did_not_ask(tmp_path):
     assert "nan" not in text and "no case" in text
     assert "nothing was named; none of 4 campaigns that lack nothing were given a name" in text
     assert "rfca-rig prove --out exam --seed 3 --cases 4 --kind 'nothing missing'" in text
-    assert examined(tmp_path).plan == Plan(3, {cases.NOTHING: 4})
+    assert examined(tmp_path).plan == ExamPlan(3, {cases.NOTHING: 4})
 
 
 PLAIN = MarkedCase("a", cases.SINGLE, ("tip_mass",), 0.5, 9.0, "named", ("tip_mass",), (0.9,), "right", (), None, None)

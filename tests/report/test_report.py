@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import RigError
 from rfca_rig.model.stroke import stroke_at_speed
-from rfca_rig.report.provenance import Origin, Recorded
+from rfca_rig.report.provenance import Origin, RecordingSource
 from rfca_rig.report.sources import GivenModel
 from rfca_rig.report.writing import write_report
 from tests.analysis import traces
@@ -237,7 +237,7 @@ def test_a_given_model_takes_the_place_of_the_believed_one(tmp_path):
 
 @pytest.mark.parametrize("shaft", ["commanded", "average", "recorded"])
 def test_the_page_ends_with_what_remakes_it(tmp_path, shaft):
-    recorded = Recorded("IMPORT", "A title", "runs/a", "run.h5", "ab" * 32)
+    recorded = RecordingSource("IMPORT", "A title", "runs/a", "run.h5", "ab" * 32)
     origin = Origin(f"rfca-rig report runs/a --shaft {shaft}", (recorded,), "0.1.0, git 0123")
     folder = written(tmp_path, recording(strokes()[:1]), shaft=shaft, origin=origin)
     for page in ("report.html", "run.html"):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.report.clock_drift import clock_drifts
-from rfca_rig.report.provenance import Link, Origin, Recorded, Told
+from rfca_rig.report.provenance import Origin, PageLink, RecordingSource, Told
 from rfca_rig.report.run_page import page, tables_of
 from rfca_rig.report.run_parts import story_of
 from rfca_rig.report.run_pictures import MOST_STAGES, MOST_TRACES, static_shown, traced
@@ -22,7 +22,7 @@ from tests.report.recordings import recording, stages, strokes
 
 def shown(recorded):
     story = story_of(recorded)
-    told = Told(Origin("", (Recorded(recorded.source, recorded.title),)), (Link("report.html", "Held against the model"),))
+    told = Told(Origin("", (RecordingSource(recorded.source, recorded.title),)), (PageLink("report.html", "Held against the model"),))
     html = page(story, tables_of(story), told, ("run-stages.csv",))
     outline = Outline(html)
     assert len(outline.ids) == len(set(outline.ids))

@@ -7,27 +7,27 @@ from math import nan
 
 import pytest
 
-from rfca_rig.report.table import Column, Foot, Row, Table, as_sure, cell, places
+from rfca_rig.report.table import Foot, Table, TableColumn, TableRow, as_sure, cell, places
 from rfca_rig.report.table_cells import shown_cells
 from rfca_rig.report.table_files import as_csv, as_tex, as_text
 from rfca_rig.report.templates import template
 from tests.report.outline import Outline
 
 COLUMNS = (
-    Column("height_mm", "Rack height", set_value=True),
-    Column("fz_N", "fz", digits=2, half="fz_std_N", over="Measured"),
-    Column("fz_std_N", role="kept"),
-    Column("torque_Nm", "torque", over="Measured"),
-    Column("settled"),
-    Column("unit"),
-    Column("source", role="group"),
-    Column("refused", role="note"),
+    TableColumn("height_mm", "Rack height", set_value=True),
+    TableColumn("fz_N", "fz", digits=2, half="fz_std_N", over="Measured"),
+    TableColumn("fz_std_N", role="kept"),
+    TableColumn("torque_Nm", "torque", over="Measured"),
+    TableColumn("settled"),
+    TableColumn("unit"),
+    TableColumn("source", role="group"),
+    TableColumn("refused", role="note"),
 )
 ROWS = (
-    Row(
+    TableRow(
         {"height_mm": 222.8, "fz_N": -53.7331999999, "fz_std_N": 0.2236, "torque_Nm": 1.23456789012345, "settled": True, "source": "A & B"}
     ),
-    Row(
+    TableRow(
         {"height_mm": 215.0, "fz_N": nan, "torque_Nm": None, "settled": False, "source": "C", "refused": "repeat 3: no contact"},
         marked=True,
     ),
@@ -58,7 +58,7 @@ def test_latex_is_balanced_and_nothing_escapes_it():
 
 
 def test_a_title_cannot_break_latex():
-    nasty = Table("t", "", (Column("a"), Column("unit")), (Row({"a": "50% & A_b {c} \\d ~^ <|>", "unit": "N/m^1.5"}),))
+    nasty = Table("t", "", (TableColumn("a"), TableColumn("unit")), (TableRow({"a": "50% & A_b {c} \\d ~^ <|>", "unit": "N/m^1.5"}),))
     assert r"50\% \& A\_b \{c\} \textbackslash{}d \textasciitilde{}\textasciicircum{} \textless{}\textbar{}\textgreater{}" in as_tex(nasty)
     assert r"N/m$^{1.5}$" in as_tex(nasty)
 
@@ -95,9 +95,9 @@ def test_places_show_two_digits(size, digits):
 
 
 def test_values_have_the_digits_that_their_uncertainty_leaves():
-    column = Column("k0_Nm_per_rad", half="half")
-    rows = [Row({"k0_Nm_per_rad": 10.97812, "half": half}) for half in (0.011, 0.012, 3.0)]
+    column = TableColumn("k0_Nm_per_rad", half="half")
+    rows = [TableRow({"k0_Nm_per_rad": 10.97812, "half": half}) for half in (0.011, 0.012, 3.0)]
     assert [(cell(column, row).text, cell(column, row).half) for row in rows] == [("10.978", "0.011"), ("10.978", "0.012"), ("11.0", "3.0")]
     sure = as_sure(column, rows)
     assert [cell(sure, row).half for row in rows] == ["0.011", "0.012", "3.000"]
-    assert cell(column, Row({"k0_Nm_per_rad": -0.00001, "half": 0.1})).text == "0.00"
+    assert cell(column, TableRow({"k0_Nm_per_rad": -0.00001, "half": 0.1})).text == "0.00"

@@ -7,16 +7,16 @@ from datetime import datetime, timedelta
 import can
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.codecs.odrive_messages import AxisState, Command
+from rfca_rig.codecs.odrive_messages import AxisState, OdriveCommand
 from rfca_rig.drivers.roles import Photo
-from rfca_rig.recording.journal import Block
+from rfca_rig.recording.journal import JournalBlock
 from rfca_rig.recording.keeper import DirectKeeper
 from rfca_rig.recording.picture import Picture
 from rfca_rig.twins.datagram_link import LinkEnd
 from rfca_rig.twins.odrive import OdriveTwin
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
 
-MOTION = frozenset({Command.INPUT_POS, Command.INPUT_VEL, Command.INPUT_TORQUE})
+MOTION = frozenset({OdriveCommand.INPUT_POS, OdriveCommand.INPUT_VEL, OdriveCommand.INPUT_TORQUE})
 
 
 class BreakableBus(can.BusABC):
@@ -63,13 +63,13 @@ class BreakableBus(can.BusABC):
 def _first_idle(frames: list[tuple[float, can.Message]]) -> int | None:
     first: int | None = None
     for at, (_, message) in enumerate(frames):
-        if message.arbitration_id & 0x1F == Command.AXIS_STATE:
+        if message.arbitration_id & 0x1F == OdriveCommand.AXIS_STATE:
             first = None if _closes_loop(message) else at if first is None else first
     return first
 
 
 def _closes_loop(message: can.Message) -> bool:
-    return message.arbitration_id & 0x1F == Command.AXIS_STATE and message.data[0] == AxisState.CLOSED_LOOP
+    return message.arbitration_id & 0x1F == OdriveCommand.AXIS_STATE and message.data[0] == AxisState.CLOSED_LOOP
 
 
 class BreakableLink:
@@ -149,7 +149,7 @@ class BreakableKeeper:
     def acknowledged(self) -> int:
         return self.keeper.acknowledged
 
-    def give(self, block: Block) -> None:
+    def give(self, block: JournalBlock) -> None:
         if self.error is not None:
             raise self.error
         self.keeper.give(block)

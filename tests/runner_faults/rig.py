@@ -9,7 +9,7 @@ from pathlib import Path
 import can
 import numpy as np
 
-from rfca_rig.bench.leg_plant import LegPlant, Scatter
+from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.signals import Heard
 from rfca_rig.clock import TwinClock
@@ -31,7 +31,7 @@ from rfca_rig.twins.can_wire import can_wire
 from rfca_rig.twins.datagram_link import datagram_link
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
-from rfca_rig.twins.plant import Plant
+from rfca_rig.twins.plant import TwinPlant
 from rfca_rig.twins.world import TwinWorld
 from tests.engine import rigs
 from tests.runner_faults.breakable import BreakableBus, BreakableCamera, BreakableClock, BreakableKeeper, BreakableLink, RunawayDrive
@@ -144,7 +144,7 @@ class FaultyRig:
 
 @dataclass
 class Rack:
-    plant: Plant
+    plant: TwinPlant
 
     def set_height(self, height_m: float) -> None:
         self.plant.set_height(height_m)
@@ -208,7 +208,7 @@ def box_settings(fidelity: Fidelity) -> NetFtTwinSettings:
     return NetFtTwinSettings(decimation=fidelity.decimation, noise_std=noise, full_scale=reach)
 
 
-def _plant(fidelity: Fidelity, random: np.random.Generator) -> Plant:
+def _plant(fidelity: Fidelity, random: np.random.Generator) -> TwinPlant:
     if fidelity.plant == "pendulum":
         return Pendulum(PARKED_RAD)
-    return LegPlant(twin_rig().model(), HEIGHT_M, PARKED_RAD, 0.006, Scatter(), random)
+    return LegPlant(twin_rig().model(), HEIGHT_M, PARKED_RAD, 0.006, TwinScatter(), random)

@@ -18,7 +18,7 @@ import pytest
 
 from rfca_rig.codecs import cansimple
 from rfca_rig.codecs.odrive_meanings import WATCHDOG_EXPIRED
-from rfca_rig.codecs.odrive_messages import AxisState, Command, Heartbeat, Torques
+from rfca_rig.codecs.odrive_messages import AxisState, Heartbeat, OdriveCommand, Torques
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.model import Recording
@@ -218,7 +218,7 @@ def heard(bus: can.BusABC, is_it: Callable[[object], bool]) -> object:
     until_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < until_s:
         message = bus.recv(timeout=1.0)
-        if message is not None and message.arbitration_id & 0x1F in {Command.HEARTBEAT, Command.TORQUES} and message.dlc == 8:
+        if message is not None and message.arbitration_id & 0x1F in {OdriveCommand.HEARTBEAT, OdriveCommand.TORQUES} and message.dlc == 8:
             said = cansimple.decode(message.arbitration_id, message.data)
             if is_it(said):
                 return said

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rfca_rig.twins.plant import Plant, ShaftDrive, ShaftState
+from rfca_rig.twins.plant import ShaftDrive, ShaftState, TwinPlant
 
 BLOCK_Nm_per_rad, BLOCK_Nm_s_per_rad = 2e3, 20.0
 STANDS_RAD_S = 0.05
@@ -23,12 +23,12 @@ class Moment:
 
 @dataclass
 class Truth:
-    """A `Plant` around another.
+    """A `TwinPlant` around another.
 
     `blocked_rad` holds the shaft fast there, `loose` lets no torque get to it, `pull` is added to the wrench that the sensor feels.
     """
 
-    plant: Plant
+    plant: TwinPlant
     blocked_rad: float | None = None
     loose: bool = False
     pull: np.ndarray = field(default_factory=lambda: np.zeros(6))

@@ -21,7 +21,7 @@ from rfca_rig.progress import silent
 from rfca_rig.recording.seal import is_broken
 from rfca_rig.sweep import outputs
 from rfca_rig.sweep.carrying_out import carry_out
-from rfca_rig.sweep.cases import Span, compute
+from rfca_rig.sweep.cases import CaseRange, compute
 from rfca_rig.sweep.outputs import Output
 from rfca_rig.sweep.pilot import Pace, measured_pace
 from rfca_rig.sweep.result import read_result
@@ -76,7 +76,7 @@ def test_workers_change_no_byte(unbroken, tmp_path):
 def test_order_changes_no_byte(unbroken, tmp_path):
     size = measured_pace(small_plan(), Slow()).cases_per_shard
     told = []
-    pieces = len(cut([Span(0, 12)], size))
+    pieces = len(cut([CaseRange(0, 12)], size))
     assert pieces > 2
     carry_out(small_plan(), tmp_path / "sweep", Backwards(pieces), Slow, lambda *done: told.append(done))
     assert content(tmp_path / "sweep") == content(unbroken[1])
@@ -139,7 +139,7 @@ def test_what_fails_is_a_row_with_its_reason(unbroken):
 def test_a_mistake_in_one_case_and_a_poisonous_case_are_rows(unbroken, tmp_path, monkeypatch):
     broken = Output(lambda case: 1.0 / (round(case.design.height_m, 6) - 0.235), "", "", "")
     monkeypatch.setitem(outputs.OUTPUTS, "energy_J", broken)
-    rows = compute(small_plan(), Span(4, 9))
+    rows = compute(small_plan(), CaseRange(4, 9))
     assert [("mistake in rfca-rig: ZeroDivisionError" in remark) for remark in rows.remarks] == [True] * 4 + [False]
     monkeypatch.undo()
     result = carry_out(small_plan(), tmp_path / "sweep", Losing(), Slow, silent)
@@ -187,8 +187,8 @@ def test_a_damaged_shard_and_one_of_another_sweep_are_named(tmp_path):
         carry_out(small_plan(), out, InProcessExecutor(), Slow, silent)
 
 
-def span_of(shard: Path) -> Span:
-    return Span(*map(int, shard.stem.split("-")[1:]))
+def span_of(shard: Path) -> CaseRange:
+    return CaseRange(*map(int, shard.stem.split("-")[1:]))
 
 
 def test_sweep_h5_says_what_it_holds(unbroken):
@@ -203,8 +203,8 @@ def test_sweep_h5_says_what_it_holds(unbroken):
 
 
 def test_gaps_and_pieces():
-    there = [Span(2, 4), Span(6, 9)]
-    assert missing(10, there) == [Span(0, 2), Span(4, 6), Span(9, 10)]
-    assert missing(9, [Span(0, 9)]) == []
-    assert cut([Span(0, 5), Span(7, 8)], 2) == [Span(0, 2), Span(2, 4), Span(4, 5), Span(7, 8)]
+    there = [CaseRange(2, 4), CaseRange(6, 9)]
+    assert missing(10, there) == [CaseRange(0, 2), CaseRange(4, 6), CaseRange(9, 10)]
+    assert missing(9, [CaseRange(0, 9)]) == []
+    assert cut([CaseRange(0, 5), CaseRange(7, 8)], 2) == [CaseRange(0, 2), CaseRange(2, 4), CaseRange(4, 5), CaseRange(7, 8)]
     assert Pace(0.004).cases_per_shard * 0.004 >= 1.0

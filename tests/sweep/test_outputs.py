@@ -10,7 +10,7 @@ from rfca_rig.analysis.strips import compare_strips
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import GRAVITY_M_S2, PresentEffect
 from rfca_rig.sweep.computed import Computed, Missing
-from rfca_rig.sweep.design import Design
+from rfca_rig.sweep.design import SweepCase
 from rfca_rig.sweep.outputs import OUTPUTS, asked
 from tests.model.legs import PAPER
 
@@ -22,7 +22,7 @@ SMOOTH = replace(
 
 
 def case(rig=PAPER, height_m=0.215, speed_rad_s=2.433, turn_deg=200.0, **more) -> Computed:
-    return Computed(Design(rig, height_m, speed_rad_s, float(np.radians(turn_deg)), **more))
+    return Computed(SweepCase(rig, height_m, speed_rad_s, float(np.radians(turn_deg)), **more))
 
 
 def value(name: str, of: Computed) -> float:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.sweep.samples import Range, Samples, points, shares
+from rfca_rig.sweep.samples import Range, SweepSamples, points, shares
 from rfca_rig.sweep.sensitivity import first_order
 
 A, B = 7.0, 0.1
@@ -19,8 +19,8 @@ def exact() -> list[float]:
     return [0.5 * (1.0 + B * np.pi**4 / 5) ** 2 / variance, A**2 / 8 / variance, 0.0]
 
 
-def drawn(n: int, method="sobol", seed=1) -> Samples:
-    return Samples(tuple(Range(name, -np.pi, np.pi) for name in "xyz"), method, n, seed)
+def drawn(n: int, method="sobol", seed=1) -> SweepSamples:
+    return SweepSamples(tuple(Range(name, -np.pi, np.pi) for name in "xyz"), method, n, seed)
 
 
 @pytest.mark.parametrize("method", ["sobol", "latin hypercube"])

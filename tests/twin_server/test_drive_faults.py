@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.codecs.odrive_messages import Dialect
+from rfca_rig.codecs.odrive_messages import OdriveFirmware
 from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.moteus import MoteusMotor, MoteusSettings
 from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
@@ -25,7 +25,7 @@ from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.world import TwinWorld
 
 TICK_S = 2e-3
-OLDER = {"dialect": Dialect.V0_5, "torque_constant_Nm_per_A": 0.5}
+OLDER = {"dialect": OdriveFirmware.V0_5, "torque_constant_Nm_per_A": 0.5}
 
 MOTEUS = {
     "can-silent": r"^no answer for 0\.\d+ s",

@@ -9,7 +9,7 @@ import pytest
 
 from rfca_rig.errors import BadInput
 from rfca_rig.vision.board import board_of
-from rfca_rig.vision.board_photo import BoardPhoto, Refused, find_board
+from rfca_rig.vision.board_photo import BoardPhoto, RefusedPhoto, find_board
 from rfca_rig.vision.camera_calibration import calibrate
 from rfca_rig.vision.plane_of_motion import BoardPlace, find_plane, with_origin_at
 from tests.vision.board_scenes import TrueCamera, board_photo, centred, tilted_all_ways, turn
@@ -108,9 +108,9 @@ def test_too_few_photos_and_a_turned_one():
     turned = replace(photos[6], size_px=(960, 1280))
     made = calibrate([*photos[:6], turned, *photos[7:]])
     assert made.refused == (
-        Refused("p6", "is 960 x 1280 pixels, the others 1280 x 960: take all with one setting of the camera, held one way"),
+        RefusedPhoto("p6", "is 960 x 1280 pixels, the others 1280 x 960: take all with one setting of the camera, held one way"),
     )
-    dark = Refused("dark.jpg", "shows 0 of the board's 54 corners")
+    dark = RefusedPhoto("dark.jpg", "shows 0 of the board's 54 corners")
     with pytest.raises(BadInput, match=r"5 usable photos of the board, 6 are needed, 15 are good; 1 refused; dark.jpg shows 0 of"):
         calibrate([*photos[:5], dark])
 
@@ -121,7 +121,7 @@ def one_photo(**changes):
 
 def test_a_blurred_photo_is_refused():
     refused = find_board(one_photo(blur_px=2.7), BOARD, "b")
-    assert isinstance(refused, Refused)
+    assert isinstance(refused, RefusedPhoto)
     assert re.match(r"is blurred: edges [\d.]+ px wide, at most [\d.]+ px", refused.why)
     assert isinstance(find_board(one_photo(blur_px=1.5), BOARD, "b"), BoardPhoto)
 
@@ -130,7 +130,7 @@ def test_a_shaken_photo_is_refused_though_half_of_its_edges_are_sharp():
     sharp = board_photo(BOARD, TRUE, np.eye(3), centred(BOARD, np.eye(3), np.array([0.0, 0.0, 0.4])), np.random.default_rng(2))
     shaken = cv2.blur(sharp, (9, 1))
     refused = find_board(shaken, BOARD, "b")
-    assert isinstance(refused, Refused)
+    assert isinstance(refused, RefusedPhoto)
     assert refused.why.startswith("is blurred")
     assert isinstance(find_board(sharp, BOARD, "b"), BoardPhoto)
 
@@ -149,13 +149,13 @@ def test_too_little_of_the_board_is_refused():
     covered = flat.copy()
     covered[430:] = 80
     few = find_board(covered, BOARD, "b")
-    assert isinstance(few, Refused)
+    assert isinstance(few, RefusedPhoto)
     assert "corners" in few.why
 
 
 def test_another_board_is_no_board():
     other = find_board(one_photo(), board_of("10x7,25,18,5x5"), "b")
-    assert isinstance(other, Refused)
+    assert isinstance(other, RefusedPhoto)
 
 
 @pytest.mark.parametrize("reach", ["right", "left"])

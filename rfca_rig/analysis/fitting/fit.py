@@ -13,7 +13,7 @@ from rfca_rig.analysis.fitting.errors_of_fit import covariance_of
 from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
 from rfca_rig.analysis.fitting.problem import Problem
 from rfca_rig.analysis.fitting.result import FitResult, Starts
-from rfca_rig.analysis.fitting.scatter import Whitening, found_scatter, whitening_of
+from rfca_rig.analysis.fitting.scatter import StrokeWhitening, found_scatter, whitening_of
 from rfca_rig.analysis.fitting.solver import Progress, Residuals, descend
 from rfca_rig.analysis.fitting.space import Space
 from rfca_rig.errors import SimulationFailed
@@ -101,7 +101,7 @@ class _Travelling:
 
 
 def _descent(
-    space: _Travelling, problem: Problem, whitening: Whitening, most_evaluations: int, start: tuple[int, Floats]
+    space: _Travelling, problem: Problem, whitening: StrokeWhitening, most_evaluations: int, start: tuple[int, Floats]
 ) -> tuple[OptimizeResult, int]:
     """One descent, wherever it is done, and how many suppositions it computed."""
     residuals = Residuals(problem, space.space(), _silent, whitening)

@@ -20,7 +20,7 @@ SAME_TURN_RAD = 5e-4  # what encoder noise of 1 mrad leaves after smoothing; mov
 
 
 @dataclass(frozen=True)
-class Turn:
+class StrokeMotion:
     """One stroke to simulate: height, and a recorded motion of the shaft, or, where that is None, a ramp to `speed_rad_s`.
 
     `strokes_before` are those before each stroke of the condition, as in `model.setup.Setup`.
@@ -48,7 +48,7 @@ class Turn:
         return replace(self.motion, coefficients=coefficients)
 
 
-def turns_of(condition: Condition, shaft: Shaft, ramp_s: float, end_s: float) -> tuple[tuple[Turn, ...], tuple[int, ...]]:
+def turns_of(condition: Condition, shaft: Shaft, ramp_s: float, end_s: float) -> tuple[tuple[StrokeMotion, ...], tuple[int, ...]]:
     """The turns of a condition, each to `end_s`, and for each of its strokes which of them is its own.
 
     `shaft` as in `analysis.counterpart`. With "recorded", repeats whose smoothed turns differ by less than 0.5 mrad share the first
@@ -60,7 +60,7 @@ def turns_of(condition: Condition, shaft: Shaft, ramp_s: float, end_s: float) ->
     speed_rad_s = condition.speed_rad_s
     if shaft == "average":
         speed_rad_s = float(np.mean([average_speed(stroke, ramp_s).speed_rad_s for stroke in condition.strokes]))
-    return (Turn(condition.height_m, speed_rad_s, None, end_s, before),), (0,) * len(condition.strokes)
+    return (StrokeMotion(condition.height_m, speed_rad_s, None, end_s, before),), (0,) * len(condition.strokes)
 
 
 def recorded_start_rad(strokes: Sequence[Stroke]) -> float | None:
@@ -70,15 +70,15 @@ def recorded_start_rad(strokes: Sequence[Stroke]) -> float | None:
     return float(np.mean(starts)) if starts else None
 
 
-def _recorded(stroke: Stroke, ramp_s: float, end_s: float) -> Turn:
+def _recorded(stroke: Stroke, ramp_s: float, end_s: float) -> StrokeMotion:
     angle = stroke.channel("shaft_angle_rad")
     if angle is None:
-        return Turn(stroke.height_m, average_speed(stroke, ramp_s).speed_rad_s, None, end_s)
-    return Turn(stroke.height_m, stroke.speed_rad_s, follow(*angle), end_s)
+        return StrokeMotion(stroke.height_m, average_speed(stroke, ramp_s).speed_rad_s, None, end_s)
+    return StrokeMotion(stroke.height_m, stroke.speed_rad_s, follow(*angle), end_s)
 
 
-def _distinct(turns: Sequence[Turn]) -> tuple[tuple[Turn, ...], tuple[int, ...]]:
-    kept: list[Turn] = []
+def _distinct(turns: Sequence[StrokeMotion]) -> tuple[tuple[StrokeMotion, ...], tuple[int, ...]]:
+    kept: list[StrokeMotion] = []
     own: list[int] = []
     for turn in turns:
         alike = next((i for i, other in enumerate(kept) if _same(turn, other)), len(kept))
@@ -88,7 +88,7 @@ def _distinct(turns: Sequence[Turn]) -> tuple[tuple[Turn, ...], tuple[int, ...]]
     return tuple(kept), tuple(own)
 
 
-def _same(turn: Turn, other: Turn) -> bool:
+def _same(turn: StrokeMotion, other: StrokeMotion) -> bool:
     if turn.motion is None or other.motion is None:
         return turn == other
     t_s = np.linspace(0.0, turn.end_s, 200)

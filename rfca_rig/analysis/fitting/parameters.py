@@ -7,7 +7,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.space import Parameter, Space
+from rfca_rig.analysis.fitting.space import FitParameter, Space
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.suggestions import suggestion
@@ -31,12 +31,12 @@ class Supposed:
         return replace(self, rig=replace(self.rig, effects=(*self.rig.effects, *effects)))
 
 
-def _of_leg(name: str, field: str, unit: str, spread: float, scale: float = 1.0, known_to: str | None = None) -> Parameter[Supposed]:
+def _of_leg(name: str, field: str, unit: str, spread: float, scale: float = 1.0, known_to: str | None = None) -> FitParameter[Supposed]:
     def write(at: Supposed, value: float) -> Supposed:
         changed: dict[str, Any] = {field: value / scale}
         return replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, **changed)))
 
-    return Parameter(name, unit, True, spread, lambda at: scale * float(getattr(at.rig.leg, field)), write, known_to)
+    return FitParameter(name, unit, True, spread, lambda at: scale * float(getattr(at.rig.leg, field)), write, known_to)
 
 
 def _k2_per_rad2(at: Supposed) -> float:
@@ -50,19 +50,19 @@ def _with_k2(at: Supposed, k2_per_rad2: float) -> Supposed:
     return replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, k2_per_rad2=k2_per_rad2)))
 
 
-def _of_ground(name: str, field: str, unit: str, spread: float, known_to: str | None = None, scale: float = 1.0) -> Parameter[Supposed]:
+def _of_ground(name: str, field: str, unit: str, spread: float, known_to: str | None = None, scale: float = 1.0) -> FitParameter[Supposed]:
     def write(at: Supposed, value: float) -> Supposed:
         changed: dict[str, Any] = {field: value / scale}
         return replace(at, rig=replace(at.rig, ground=replace(at.rig.ground, **changed)))
 
-    return Parameter(name, unit, True, spread, lambda at: scale * float(getattr(at.rig.ground, field)), write, known_to)
+    return FitParameter(name, unit, True, spread, lambda at: scale * float(getattr(at.rig.ground, field)), write, known_to)
 
 
 def _with_lever(at: Supposed, lever_mm: float) -> Supposed:
     return replace(at, rig=replace(at.rig, ground=replace(at.rig.ground, friction_lever_m=1e-3 * lever_mm)))
 
 
-def _shifted(name: str, field: str, unit: str, spread: float, known_to: str, lowest: float = 0.0) -> Parameter[Supposed]:
+def _shifted(name: str, field: str, unit: str, spread: float, known_to: str, lowest: float = 0.0) -> FitParameter[Supposed]:
     return replace(_of_ground(name, field, unit, spread, known_to), relative=False, lowest=lowest)
 
 
@@ -95,26 +95,26 @@ def _with_ramp(at: Supposed, ramp_ms: float) -> Supposed:
     return replace(at, rig=replace(at.rig, drive=replace(at.rig.drive, ramp_s=1e-3 * ramp_ms)))
 
 
-PARAMETERS: Mapping[str, Parameter[Supposed]] = {
+PARAMETERS: Mapping[str, FitParameter[Supposed]] = {
     parameter.name: parameter
     for parameter in (
         _of_leg("k0", "k0_Nm_per_rad", "N m/rad", 0.1, known_to="k0_relative"),
-        Parameter("k2", "1/rad2", True, 0.2, _k2_per_rad2, _with_k2, "k2_relative"),
+        FitParameter("k2", "1/rad2", True, 0.2, _k2_per_rad2, _with_k2, "k2_relative"),
         _of_leg("hinge_damping", "hinge_damping_Nm_s_per_rad", "N m s/rad", 0.5, known_to="hinge_damping_relative"),
-        Parameter("mass", "g", True, 0.02, _mass_g, _with_mass, "mass_relative"),
+        FitParameter("mass", "g", True, 0.02, _mass_g, _with_mass, "mass_relative"),
         _of_leg("link_radius", "link_radius_m", "mm", 0.3, scale=1e3),
         _shifted("friction", "friction_coefficient", "", 0.1, "friction_coefficient"),
         _of_ground("contact_stiffness", "stiffness_N_per_m1p5", "N/m1.5", 0.5, "contact_stiffness_relative"),
         _of_ground("contact_damping", "damping_s_per_m", "s/m", 0.5),
         _of_ground("presliding", "presliding_m", "mm", 0.5, "presliding_relative", 1e3),
-        Parameter("friction_lever", "mm", False, 4.0, lambda at: 1e3 * at.rig.friction_lever_m, _with_lever),
+        FitParameter("friction_lever", "mm", False, 4.0, lambda at: 1e3 * at.rig.friction_lever_m, _with_lever),
         _shifted("friction_rise", "friction_rise_share", "", 0.5, "friction_rise_share", lowest=-np.inf),
         _shifted("leaving_damping", "leaving_damping_share", "", 0.5, "leaving_damping_share"),
         _shifted("tangential_damping", "drag_N_s_per_m", "N s/m", 1.0, "tangential_damping_N_s_per_m"),
-        Parameter("below_shaft", "mm", False, 2.0, lambda at: 1e3 * at.rig.sensor.below_shaft_m, _with_below_shaft),
-        Parameter("ramp", "ms", True, 0.2, lambda at: 1e3 * at.rig.drive.ramp_s, _with_ramp),
-        Parameter("start_angle", "deg", False, 0.5, _start_deg, _with_start, "start_angle_deg"),
-        Parameter(
+        FitParameter("below_shaft", "mm", False, 2.0, lambda at: 1e3 * at.rig.sensor.below_shaft_m, _with_below_shaft),
+        FitParameter("ramp", "ms", True, 0.2, lambda at: 1e3 * at.rig.drive.ramp_s, _with_ramp),
+        FitParameter("start_angle", "deg", False, 0.5, _start_deg, _with_start, "start_angle_deg"),
+        FitParameter(
             "height", "mm", False, 1.0, lambda at: 1e3 * at.height_offset_m, lambda at, mm: replace(at, height_offset_m=1e-3 * mm),
             "height_mm",
         ),
@@ -139,14 +139,14 @@ def space_of(names: Sequence[str], centre: Supposed, known_to: Mapping[str, floa
     return Space(chosen, centre, np.array(std), np.array([bool(s) for s in stated]))
 
 
-def named(names: Sequence[str]) -> tuple[Parameter[Supposed], ...]:
+def named(names: Sequence[str]) -> tuple[FitParameter[Supposed], ...]:
     """The parameters of these names. Raises BadInput for a name that is not known or comes twice."""
     if len(set(names)) < len(names):
         raise BadInput(f"a parameter is named twice in {', '.join(names)}")
     return tuple(_parameter(name) for name in names)
 
 
-def _parameter(name: str) -> Parameter[Supposed]:
+def _parameter(name: str) -> FitParameter[Supposed]:
     if name not in PARAMETERS:
         raise BadInput(f"{name!r} is no parameter; {suggestion(name, PARAMETERS)}")
     return PARAMETERS[name]

@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.motions import Turn, turns_of
+from rfca_rig.analysis.fitting.motions import StrokeMotion, turns_of
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.phases import PHASES, Refused, StrokePhases
@@ -35,7 +35,7 @@ BIN_S = 0.005
 
 
 @dataclass(frozen=True)
-class Window:
+class StrokeWindow:
     """Which part of a stroke counts: its phases, without the first `after_touchdown_s` of contact."""
 
     phases: tuple[str, ...] = ("loading",)
@@ -59,7 +59,7 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Trace:
+class ChannelResiduals:
     """One channel of a stroke within the window: samples (k,), where each bin of them begins (b,), and a bin's noise (b,)."""
 
     channel: str
@@ -83,7 +83,7 @@ class Trace:
 class MeasuredStroke:
     """A stroke's traces, and the place of its turn among those that are simulated."""
 
-    traces: tuple[Trace, ...]
+    traces: tuple[ChannelResiduals, ...]
     turn: int
 
 
@@ -91,7 +91,7 @@ class MeasuredStroke:
 class StrokeProblem:
     """All strokes of a fit. `left_out` says in words which strokes could not be used and why."""
 
-    turns: tuple[Turn, ...]
+    turns: tuple[StrokeMotion, ...]
     strokes: tuple[MeasuredStroke, ...]
     left_out: tuple[str, ...]
 
@@ -117,7 +117,7 @@ class StrokeProblem:
             found.setdefault(trace.channel, []).append(trace.sample_noise)
         return {channel: float(np.sqrt(np.mean(np.square(all_)))) for channel, all_ in found.items()}
 
-    def _all_traces(self) -> Iterator[tuple[MeasuredStroke, Trace]]:
+    def _all_traces(self) -> Iterator[tuple[MeasuredStroke, ChannelResiduals]]:
         return ((stroke, trace) for stroke in self.strokes for trace in stroke.traces)
 
     def _against(self, simulated: Sequence[SimulatedStroke]) -> Floats:
@@ -133,7 +133,7 @@ class StrokeProblem:
             yield found if len(found) == turns else None
 
 
-def _attempt(job: tuple[Supposed, Turn]) -> SimulatedStroke | None:
+def _attempt(job: tuple[Supposed, StrokeMotion]) -> SimulatedStroke | None:
     """None where the model has no answer, which the solver takes as: not here."""
     supposed, turn = job
     try:
@@ -147,18 +147,18 @@ def problem_of(
     ramp_s: float,
     noise_std: Mapping[str, float | None],
     shaft: Shaft = "recorded",
-    window: Window | None = None,
+    window: StrokeWindow | None = None,
 ) -> StrokeProblem:
     """All strokes of the conditions that have a valley, to be fitted within `window`.
 
     `noise_std` is the sensor's, per channel; where it is not stated the noise is taken from neighbouring samples. `shaft` as in
     `analysis.counterpart`. Raises BadInput where no stroke can be used.
     """
-    turns: list[Turn] = []
+    turns: list[StrokeMotion] = []
     strokes: list[MeasuredStroke] = []
     left_out: list[str] = []
     for condition in conditions:
-        found = [(stroke, _traces(stroke, noise_std, window or Window())) for stroke in condition.strokes]
+        found = [(stroke, _traces(stroke, noise_std, window or StrokeWindow())) for stroke in condition.strokes]
         left_out += [f"left out: {condition.label}, repeat {s.repeat}: {t.reason}" for s, t in found if isinstance(t, Refused)]
         usable = [(stroke, traces) for stroke, traces in found if not isinstance(traces, Refused)]
         if not usable:
@@ -173,7 +173,7 @@ def problem_of(
     return StrokeProblem(tuple(turns), tuple(strokes), tuple(left_out))
 
 
-def _traces(stroke: Stroke, noise_std: Mapping[str, float | None], window: Window) -> tuple[Trace, ...] | Refused:
+def _traces(stroke: Stroke, noise_std: Mapping[str, float | None], window: StrokeWindow) -> tuple[ChannelResiduals, ...] | Refused:
     """The traces of a stroke within the window; refused where it has no valley, without which its phases are not known."""
     fz = stroke.channel("fz_N")
     if fz is None:
@@ -185,7 +185,7 @@ def _traces(stroke: Stroke, noise_std: Mapping[str, float | None], window: Windo
     return traces or Refused(f"nothing left between touchdown at {found.touchdown_s:.3f} s and valley at {valley.time_s:.3f} s")
 
 
-def _trace(stroke: Stroke, channel: str, window: Window, found: StrokePhases, noise: float | None) -> Trace | None:
+def _trace(stroke: Stroke, channel: str, window: StrokeWindow, found: StrokePhases, noise: float | None) -> ChannelResiduals | None:
     recorded = stroke.channel(channel)
     if recorded is None:
         return None
@@ -196,7 +196,7 @@ def _trace(stroke: Stroke, channel: str, window: Window, found: StrokePhases, no
     sample_noise = noise or _noise(values)
     bins = np.flatnonzero(np.diff(np.floor(t_s[inside] / BIN_S), prepend=-1.0))
     counts = np.diff(np.append(bins, inside.sum()))
-    return Trace(channel, t_s[inside], values[inside], bins, sample_noise / np.sqrt(counts), sample_noise)
+    return ChannelResiduals(channel, t_s[inside], values[inside], bins, sample_noise / np.sqrt(counts), sample_noise)
 
 
 def _noise(values: Floats) -> float:

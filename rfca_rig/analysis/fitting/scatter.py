@@ -21,7 +21,7 @@ ROUNDS = 30
 
 
 @dataclass(frozen=True)
-class Whitening:
+class StrokeWhitening:
     """Turns residuals whose strokes have something in common into independent ones of variance 1.
 
     `parts` holds for each stroke its rows, the directions U (m_s, k) in which its values move together, and how much to shrink them (k,).
@@ -37,9 +37,9 @@ class Whitening:
         return white
 
 
-def whitening_of(effect: Floats, stroke_of_row: NDArray[np.intp]) -> Whitening:
+def whitening_of(effect: Floats, stroke_of_row: NDArray[np.intp]) -> StrokeWhitening:
     """From what one standard deviation of each scattering quantity does, `effect` (m, k); rows of a stroke are adjacent."""
-    return Whitening(tuple(_part(rows, effect[rows]) for rows in _slices(stroke_of_row)))
+    return StrokeWhitening(tuple(_part(rows, effect[rows]) for rows in _slices(stroke_of_row)))
 
 
 def found_scatter(std: Floats, effect: Floats, residuals: Floats, stroke_of_row: NDArray[np.intp]) -> Floats:

@@ -9,7 +9,7 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.fitting.problem import Problem
-from rfca_rig.analysis.fitting.scatter import Whitening
+from rfca_rig.analysis.fitting.scatter import StrokeWhitening
 from rfca_rig.analysis.fitting.space import Space
 from rfca_rig.errors import SimulationFailed
 
@@ -28,7 +28,7 @@ class Residuals:
     problem: Problem
     space: Space[Supposed]
     progress: Progress
-    whitening: Whitening = field(default_factory=Whitening)
+    whitening: StrokeWhitening = field(default_factory=StrokeWhitening)
     computed: int = 0
 
     def at(self, points: list[Floats]) -> list[Floats | None]:

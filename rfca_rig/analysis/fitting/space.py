@@ -15,7 +15,7 @@ S = TypeVar("S")  # what one simulation supposes, as its simulator keeps it
 
 
 @dataclass(frozen=True)
-class Parameter(Generic[S]):
+class FitParameter(Generic[S]):
     """One number that a fit may move, in `unit`, the one that people write.
 
     `known_to` is its key in the section of that name. `relative` ones are scaled, all others shifted. `spread` is how far it may
@@ -40,7 +40,7 @@ class Space(Generic[S]):
     for relative ones, which keeps them positive. `std` (p,) falls back to `spread` where `has_prior` (p,) is False.
     """
 
-    parameters: tuple[Parameter[S], ...]
+    parameters: tuple[FitParameter[S], ...]
     centre: S
     std: Floats
     has_prior: NDArray[np.bool_]

@@ -7,7 +7,7 @@ from typing import Any
 from rfca_rig.analysis.fitting.fit import Search, fit
 from rfca_rig.analysis.fitting.motions import recorded_start_rad
 from rfca_rig.analysis.fitting.parameters import Supposed, space_of
-from rfca_rig.analysis.fitting.residuals import StrokeProblem, Window, problem_of
+from rfca_rig.analysis.fitting.residuals import StrokeProblem, StrokeWindow, problem_of
 from rfca_rig.analysis.fitting.result import FitResult
 from rfca_rig.analysis.fitting.scatter import USUAL
 from rfca_rig.analysis.matched_simulation import Shaft
@@ -19,22 +19,22 @@ from rfca_rig.recording.model import Recording, Stroke
 
 
 @dataclass(frozen=True)
-class Comparison:
+class StrokeComparison:
     """What is compared: how the simulated shaft turns, and which part of a stroke counts."""
 
     shaft: Shaft = "recorded"
-    window: Window = field(default_factory=Window)
+    window: StrokeWindow = field(default_factory=StrokeWindow)
 
 
 def fit_recordings(
-    recordings: Sequence[Recording], names: Sequence[str] = (), comparison: Comparison | None = None, search: Search | None = None
+    recordings: Sequence[Recording], names: Sequence[str] = (), comparison: StrokeComparison | None = None, search: Search | None = None
 ) -> FitResult:
     """Fits the named parameters, or all of [known_to], to all strokes of the recordings, which must believe the same.
 
     Where the shaft follows its recording, `start_angle` is what the encoder should have read: its prior is centred on the mean recorded
     start. Raises BadInput where the recordings cannot be used together or at all, SimulationFailed.
     """
-    comparison = comparison or Comparison()
+    comparison = comparison or StrokeComparison()
     nominal, known_to = _common(recordings)
     rig = nominal_model(nominal)
     strokes = [stroke for recording in recordings for stroke in recording.strokes]
@@ -58,7 +58,7 @@ def _starting_as_recorded(rig: RigModel, strokes: Sequence[Stroke]) -> RigModel:
     return rig if start_rad is None else replace(rig, leg=replace(rig.leg, start_angle_rad=start_rad))
 
 
-def _with_rms(result: FitResult, problem: StrokeProblem, window: Window) -> FitResult:
+def _with_rms(result: FitResult, problem: StrokeProblem, window: StrokeWindow) -> FitResult:
     return replace(
         result,
         rms_before=problem.rms(result.space.centre),

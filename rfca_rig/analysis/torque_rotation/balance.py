@@ -40,7 +40,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearConditions:
     """The conditions g (S, R) at some point and their derivatives by what was measured (S, R, m), by depths and friction of the ends
     (S, R, 2 T), and by curve and systematic errors (S, R, P).
 
@@ -116,7 +116,7 @@ class Balance:
         floor_m = (group.height_m + offset_m)[:, None] - self.systematic_error(p, "slope") * along_m
         return np.asarray(down_m + self.rig.leg.link_radius_m - floor_m)
 
-    def linear(self, group: Group, z: Floats, c: Floats, p: Floats) -> Linear:
+    def linear(self, group: Group, z: Floats, c: Floats, p: Floats) -> LinearConditions:
         """At angles and readings z (S, m), depths [m] and friction [N] of the ends c (S, 2 T), curve and systematic errors p (P,)."""
         return _Conditions(self, group, self.mended(z, p, group.recording), c, p).linear()
 
@@ -152,14 +152,14 @@ class _Conditions:
         self.across, self.down = balance.L * np.cos(q), balance.L * np.sin(q)
         self.reach = (np.arange(self.n)[:, None] <= np.array(group.ends, dtype=int)).astype(float)  # (n, T): joint i comes before end k
 
-    def linear(self) -> Linear:
+    def linear(self) -> LinearConditions:
         self._loads()
         self._hinges()
         self._sensor()
         self._places()
         self._shares()
         self._shifts()
-        return Linear(self.g, self.by_z, self.by_c, self.by_p, self.slack, self.N)
+        return LinearConditions(self.g, self.by_z, self.by_c, self.by_p, self.slack, self.N)
 
     def _loads(self) -> None:
         """load_j (S, n) with its derivatives by joint angles (S, n, n), by depths and friction (S, n, 2 T), and by systematic errors."""

@@ -88,7 +88,7 @@ class RestCheck:
 
 
 @dataclass(frozen=True)
-class Loop:
+class BendingLoop:
     """Half the height of the loop between bending and unbending, one standard deviation, and how many angles were come to either way."""
 
     half_Nm: float
@@ -102,7 +102,7 @@ class Loop:
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundSystematicError:
     """What a doubted quantity came out as, in its unit for a reader; `pull` is how many prior standard deviations that is."""
 
     says: str
@@ -209,7 +209,7 @@ def _tried(found: Recovered, data: StageData, columns: Floats) -> list[tuple[flo
     return results
 
 
-def loop_of(found: Recovered, data: StageData) -> Loop | None:
+def loop_of(found: Recovered, data: StageData) -> BendingLoop | None:
     """The first further column's coefficient, where `found` has `data.turned` for one; None where no hinge turned back."""
     bending = data.turned * np.sign(data.measured[:, : data.hinges])
     back = int((bending < 0).sum())
@@ -217,14 +217,14 @@ def loop_of(found: Recovered, data: StageData) -> Loop | None:
         return None
     place = found.adjusted.balance.basis.size
     std = float(np.sqrt(found.adjusted.covariance[place, place]))
-    return Loop(float(found.adjusted.point.p[place]), std, int((bending > 0).sum()), back)
+    return BendingLoop(float(found.adjusted.point.p[place]), std, int((bending > 0).sum()), back)
 
 
-def found_systematic_errors(adjusted: Adjusted) -> tuple[Found, ...]:
+def found_systematic_errors(adjusted: Adjusted) -> tuple[FoundSystematicError, ...]:
     """All systematic errors as they came out."""
     first, systematic_errors = adjusted.balance.curve_size, adjusted.balance.systematic_errors.each
     values, std = adjusted.point.p[first:], np.sqrt(np.diag(adjusted.covariance))[first:]
     return tuple(
-        Found(d.says, d.unit, *d.shown(float(v), float(s)), d.scale * d.std, float(v) / d.std)
+        FoundSystematicError(d.says, d.unit, *d.shown(float(v), float(s)), d.scale * d.std, float(v) / d.std)
         for d, v, s in zip(systematic_errors, values, std, strict=True)
     )

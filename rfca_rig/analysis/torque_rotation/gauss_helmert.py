@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.torque_rotation.balance import Balance, Group, Linear
+from rfca_rig.analysis.torque_rotation.balance import Balance, Group, LinearConditions
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class Freed:
     `q`, `r` from the derivatives by c. The last R - 2 T directions of q know nothing of c.
     """
 
-    line: Linear
+    line: LinearConditions
     C: Floats
     factor: Floats
     beside: Floats
@@ -159,7 +159,7 @@ def _of(extra: Floats | None, group: Group) -> Floats | None:
     return None if extra is None else extra[group.rows]
 
 
-def _freed(line: Linear, moved: Floats, C: Floats, extra: Floats | None) -> Freed:
+def _freed(line: LinearConditions, moved: Floats, C: Floats, extra: Floats | None) -> Freed:
     V = line.by_z @ C @ np.swapaxes(line.by_z, 1, 2)
     every = np.arange(V.shape[1])
     V[:, every, every] += line.slack

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.torque_rotation.balance import Linear
+from rfca_rig.analysis.torque_rotation.balance import LinearConditions
 from rfca_rig.analysis.torque_rotation.recovery import Recovered
 from rfca_rig.analysis.torque_rotation.stages import StageData
 
@@ -52,7 +52,7 @@ def _as_measured(found: Recovered, data: StageData) -> tuple[Floats, Floats]:
     return np.where(known, data.measured, found.adjusted.point.z), C * known[:, :, None] * known[:, None, :]
 
 
-def _through_floor(line: Linear, hinges: int) -> Floats:
+def _through_floor(line: LinearConditions, hinges: int) -> Floats:
     """How the torques (S, h) follow the readings of fy and fz by way of the floor's forces, shares kept: (S, h, m)."""
     by_z = np.zeros((len(line.g), hinges, hinges + 4))
     ends = line.normal_N.shape[1]

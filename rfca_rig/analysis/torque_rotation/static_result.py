@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.analysis.torque_rotation.bases import ThroughRest
-from rfca_rig.analysis.torque_rotation.checks import FormCheck, Found, HingeCheck, Loop, RestAngles, RestCheck, Stray
+from rfca_rig.analysis.torque_rotation.checks import BendingLoop, FormCheck, FoundSystematicError, HingeCheck, RestAngles, RestCheck, Stray
 from rfca_rig.analysis.torque_rotation.curve import LawValues, TorqueCurve
 from rfca_rig.analysis.torque_rotation.points import Points
 from rfca_rig.analysis.torque_rotation.recovery import Recovered
@@ -43,9 +43,9 @@ class StaticResult:
     rests: tuple[RestAngles | None, ...]
     rest_checks: tuple[RestCheck, ...]
     form: FormCheck
-    loop: Loop | None
+    loop: BendingLoop | None
     hinges: tuple[HingeCheck, ...]
-    systematic_errors: tuple[Found, ...]
+    systematic_errors: tuple[FoundSystematicError, ...]
     strays: tuple[Stray, ...]
     points: Points
     repeats: Repeats

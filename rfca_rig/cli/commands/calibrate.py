@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from rfca_rig.cli.terminal import Say
     from rfca_rig.description.camera_file import CameraFile, PlaneSection
     from rfca_rig.vision.board import Board
-    from rfca_rig.vision.board_photo import BoardPhoto, Refused
-    from rfca_rig.vision.camera_calibration import Calibration
+    from rfca_rig.vision.board_photo import BoardPhoto, RefusedPhoto
+    from rfca_rig.vision.camera_calibration import CameraCalibration
     from rfca_rig.vision.plane_of_motion import BoardPlace
 
 app = typer.Typer(help="Find the values that a rig's devices have.", no_args_is_help=True)
@@ -125,16 +125,16 @@ def _files(photos: list[Path]) -> list[Path]:
     return files
 
 
-def _seen(file: Path, board: "Board", say: "Say") -> "BoardPhoto | Refused":
+def _seen(file: Path, board: "Board", say: "Say") -> "BoardPhoto | RefusedPhoto":
     """The board in a file; one that is no whole picture is refused like one without a board."""
     from rfca_rig.drivers.picture_file import read_picture
     from rfca_rig.errors import BadInput
-    from rfca_rig.vision.board_photo import BoardPhoto, Refused, find_board
+    from rfca_rig.vision.board_photo import BoardPhoto, RefusedPhoto, find_board
 
     try:
         found = find_board(read_picture(file), board, file.name)
     except BadInput as error:
-        found = Refused(file.name, str(error).removeprefix(f"{file}: "))
+        found = RefusedPhoto(file.name, str(error).removeprefix(f"{file}: "))
     say(f"{file.name}: {len(found.px)} corners" if isinstance(found, BoardPhoto) else f"{file.name}: REFUSED, {found.why}")
     return found
 
@@ -171,17 +171,17 @@ def _pair(text: str, option: str) -> tuple[float, float]:
     return first, second
 
 
-def _plane(photo: Path, calibration: "Calibration", board: "Board", place: "BoardPlace", shaft_px: str | None) -> "PlaneSection":
+def _plane(photo: Path, calibration: "CameraCalibration", board: "Board", place: "BoardPlace", shaft_px: str | None) -> "PlaneSection":
     from dataclasses import replace
 
     from rfca_rig.description.camera_file import plane_section
     from rfca_rig.drivers.picture_file import read_picture
     from rfca_rig.errors import BadInput
-    from rfca_rig.vision.board_photo import Refused, find_board
+    from rfca_rig.vision.board_photo import RefusedPhoto, find_board
     from rfca_rig.vision.plane_of_motion import find_plane, with_origin_at
 
     found = find_board(read_picture(photo), board, photo.name)
-    if isinstance(found, Refused):
+    if isinstance(found, RefusedPhoto):
         raise BadInput(f"{photo}: {found.why}")
     if found.size_px != calibration.size_px:
         raise BadInput(f"{photo}: is {found.size_px[0]} x {found.size_px[1]} pixels, the photos of the board {calibration.size_px}")

@@ -25,7 +25,7 @@ Diagnosing = Callable[[Sequence[Recording]], Diagnosis]
 
 
 @dataclass(frozen=True)
-class Loop:
+class ClosedLoop:
     """What was asked for: the rig, at most how many rounds, where new runs go, and the folder of the diagnosis."""
 
     rig_path: Path
@@ -36,7 +36,7 @@ class Loop:
     quiet: bool
 
 
-def close_the_loop(loop: Loop, recordings: Sequence[Recording], diagnosis: Diagnosis, diagnosed: Diagnosing) -> Diagnosis:
+def close_the_loop(loop: ClosedLoop, recordings: Sequence[Recording], diagnosis: Diagnosis, diagnosed: Diagnosing) -> Diagnosis:
     """The last diagnosis, when nothing is open, nothing more would help, only a person could do it, or the rounds are used up.
 
     `diagnosed` takes all recordings so far and writes what it finds into `loop.out`, the next protocol with it. A real rig asks to be armed
@@ -67,7 +67,7 @@ def _ending(diagnosis: Diagnosis) -> str:
     return "nothing is left open" if settled else "nothing more that this rig can do would help"
 
 
-def _run(loop: Loop, rig: RigFile, first: Recording, number: int) -> Path:
+def _run(loop: ClosedLoop, rig: RigFile, first: Recording, number: int) -> Path:
     """The proposed protocol on the rig, as the run commands do it: plan printed and checked, a real rig armed by what is typed."""
     path = loop.out / NEXT_PROTOCOL
     model, model_text = belief(rig, first)
@@ -93,7 +93,7 @@ def _unsaid(stage: Stage, recorder: Recorder, say: Say) -> None:
     """Every stage stands in the progress bar, none on a line of its own."""
 
 
-def _seed(loop: Loop, rig: RigFile, number: int) -> int | None:
+def _seed(loop: ClosedLoop, rig: RigFile, number: int) -> int | None:
     """A twin's noise differs from round to round."""
     if rig.is_real or rig.twin is None:
         return None

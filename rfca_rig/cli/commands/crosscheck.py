@@ -82,9 +82,9 @@ def _say(same_ground: "list[CheckedCondition]", own_contact: "list[CheckedCondit
 
 def _table(checked: "list[CheckedCondition]") -> str:
     """A line for each condition; of one that never reaches a valley the loading is not known."""
-    from rfca_rig.report.table import Column, Row, Table
+    from rfca_rig.report.table import Table, TableColumn, TableRow
     from rfca_rig.report.table_files import as_text
 
-    columns = (Column("condition"), Column("whole_stroke_pct", digits=3), Column("loading_pct", digits=3))
+    columns = (TableColumn("condition"), TableColumn("whole_stroke_pct", digits=3), TableColumn("loading_pct", digits=3))
     rows = ({"condition": one.label, "whole_stroke_pct": one.stroke_pct, "loading_pct": one.loading_pct} for one in checked)
-    return as_text(Table("crosscheck", "", columns, tuple(Row(row) for row in rows)))
+    return as_text(Table("crosscheck", "", columns, tuple(TableRow(row) for row in rows)))

@@ -13,7 +13,7 @@ from rfca_rig.cli.options import Json, Pdf, Rig, Runs, Seed
 from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
-    from rfca_rig.cli.commands.close_the_loop import Loop
+    from rfca_rig.cli.commands.close_the_loop import ClosedLoop
     from rfca_rig.diagnosis.result import Diagnosis
     from rfca_rig.mechanism.plant import Plant
     from rfca_rig.protocol.plan import Limits
@@ -73,7 +73,7 @@ def diagnose(
         check_known(without or ())
     known = [word for effect in without or () for word in ("--without", effect)]
     at = ["--law", law] if law else []
-    asked = Asked(paths, out, as_json, typed("diagnose", *paths, *known, *at), tuple(without or ()), law_at=law)
+    asked = DiagnoseOptions(paths, out, as_json, typed("diagnose", *paths, *known, *at), tuple(without or ()), law_at=law)
     printing = Printing(pdf)
     if each and pdf:
         raise BadInput("--pdf prints one diagnosis; with --each, print the pages that matter by themselves")
@@ -95,12 +95,12 @@ def diagnose(
     elif not close_the_loop:
         diagnosis = _diagnosed(open_with_belief(paths), asked)
     else:
-        from rfca_rig.cli.commands.close_the_loop import Loop
+        from rfca_rig.cli.commands.close_the_loop import ClosedLoop
         from rfca_rig.cli.paths import find_file
 
         options = {"--rig": rig if rig != "twin" else None, "--rounds": rounds if rounds != 3 else None, "--seed": seed}
         command = typed("diagnose", *paths, *known, "--close-the-loop", options=options)
-        diagnosis = _in_rounds(Loop(find_file("calibration", rig), rounds, runs, out, seed, as_json), replace(asked, command=command))
+        diagnosis = _in_rounds(ClosedLoop(find_file("calibration", rig), rounds, runs, out, seed, as_json), replace(asked, command=command))
     _say(diagnosis, out, as_json)
     printing.print([out / "diagnosis.html"], as_json)
 
@@ -128,7 +128,7 @@ def _say_next(diagnosis: "Diagnosis", out: Path) -> None:
 
 
 @dataclass(frozen=True)
-class Asked:
+class DiagnoseOptions:
     """Where the recordings are, where the answer goes, the command that asks for it, the effects that are not looked for, and where a law
     is measured; `limits` are those of the rig to go on with.
     """
@@ -142,7 +142,7 @@ class Asked:
     law_at: str = ""
 
 
-def _in_rounds(loop: "Loop", asked: Asked) -> "Diagnosis":
+def _in_rounds(loop: "ClosedLoop", asked: DiagnoseOptions) -> "Diagnosis":
     """The last diagnosis, after the experiments that were proposed."""
     from rfca_rig.campaign.opening import open_with_belief
     from rfca_rig.cli.commands.close_the_loop import close_the_loop
@@ -153,7 +153,7 @@ def _in_rounds(loop: "Loop", asked: Asked) -> "Diagnosis":
     return close_the_loop(loop, recordings, _diagnosed(recordings, within), lambda all_of_them: _diagnosed(all_of_them, within))
 
 
-def _pendulum(asked: Asked) -> "Diagnosis":
+def _pendulum(asked: DiagnoseOptions) -> "Diagnosis":
     """The diagnosis of a driven pendulum without ground; a model file of a leg does not fit it."""
     from rfca_rig.campaign.pendulum import read_pendulum_campaign
     from rfca_rig.cli.progress import progress
@@ -163,7 +163,7 @@ def _pendulum(asked: Asked) -> "Diagnosis":
         return _write_imported(diagnose_pendulum(read_pendulum_campaign(asked.paths[0]), bars.share, asked.without, asked.law_at), asked)
 
 
-def _mechanism(asked: Asked) -> "Diagnosis":
+def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
     """The diagnosis of a mechanism that MuJoCo simulates, and its model file with what was found."""
     from rfca_rig.campaign.experiment import read_experiment
     from rfca_rig.cli.progress import progress
@@ -207,7 +207,7 @@ def _write_plant(plant: "Plant", out: Path, model_name: str, laws_name: str, sta
         typer.echo(f"{out / model_name}: MJCF does not hold {', '.join(beyond)}; {out / laws_name} does, for your own loop", err=True)
 
 
-def _write_imported(diagnosis: "Diagnosis", asked: Asked) -> "Diagnosis":
+def _write_imported(diagnosis: "Diagnosis", asked: DiagnoseOptions) -> "Diagnosis":
     """The diagnosis of tables from elsewhere, with its files."""
     from rfca_rig.diagnosis.result import Diagnosed
     from rfca_rig.recording.identity import identity_of_tables
@@ -221,7 +221,7 @@ def _write_imported(diagnosis: "Diagnosis", asked: Asked) -> "Diagnosis":
     return diagnosis
 
 
-def _diagnosed(recordings: "Sequence[Recording]", asked: Asked) -> "Diagnosis":
+def _diagnosed(recordings: "Sequence[Recording]", asked: DiagnoseOptions) -> "Diagnosis":
     """The diagnosis, with all its files."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.diagnose import diagnose as diagnosed

@@ -55,12 +55,14 @@ def run(
     """
     from rfca_rig.cli.attach_view import viewing_of
     from rfca_rig.cli.run_experiment import carry_out
-    from rfca_rig.cli.run_options import Asked, order_of
+    from rfca_rig.cli.run_options import RunOptions, order_of
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.protocol.experiments import flapping_plan
 
     viewing = viewing_of(view, view_port, pace)
-    asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing, faults=fault or ())
+    asked = RunOptions(
+        rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing, faults=fault or ()
+    )
     config = order_of(asked, lambda path, facts: flapping_plan(_as_asked(read_dynamic(path), height, speed, repeats).flapping(), facts))
     valleys = Valleys()
     folder, _ = carry_out(config, valleys.say_stage)

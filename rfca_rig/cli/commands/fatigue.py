@@ -10,8 +10,8 @@ import typer
 from rfca_rig.cli.options import Dry, Json, Model, Operator, Pace, Rig, Runs, Sample, Seed, View, ViewPort
 
 if TYPE_CHECKING:
-    from rfca_rig.analysis.stiffness_drift import Drift
-    from rfca_rig.bench.begun import Begun
+    from rfca_rig.analysis.stiffness_drift import StiffnessDrift
+    from rfca_rig.bench.begun import InterruptedRun
     from rfca_rig.bench.recorder import Recorder
     from rfca_rig.cli.run_config import RunConfig
     from rfca_rig.cli.terminal import Say
@@ -52,12 +52,12 @@ def run(
     """
     from rfca_rig.cli.attach_view import viewing_of
     from rfca_rig.cli.run_experiment import carry_out
-    from rfca_rig.cli.run_options import Asked, order_of
+    from rfca_rig.cli.run_options import RunOptions, order_of
     from rfca_rig.description.protocol_file import read_fatigue
     from rfca_rig.protocol.fatigue import fatigue_plan
 
     viewing = viewing_of(view, view_port, pace)
-    asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing)
+    asked = RunOptions(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing)
     config = order_of(asked, lambda path, facts: fatigue_plan(_as_asked(read_fatigue(path), cycles).fatigue(), facts))
     say_bending(config)
     folder, _ = carry_out(config, Watcher().say_stage)
@@ -87,7 +87,7 @@ def say_bending(config: "RunConfig") -> None:
 class Watcher:
     """Says what becomes of a run, and ends it where the leg is worn. `begun` is there for one that goes on."""
 
-    begun: "Begun | None" = None
+    begun: "InterruptedRun | None" = None
 
     def say_stage(self, stage: "Stage", recorder: "Recorder", say: "Say") -> None:
         from rfca_rig.cli.commands.dynamic import say_valley
@@ -115,7 +115,7 @@ class Watcher:
         say(said)
 
 
-def _drift(stage: "StiffnessCheck", stages: "Sequence[StaticStage]") -> "Drift | None":
+def _drift(stage: "StiffnessCheck", stages: "Sequence[StaticStage]") -> "StiffnessDrift | None":
     from rfca_rig.analysis.stiffness_drift import stiffness_drift
 
     return stiffness_drift(stages, stage.holds, stage.number)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.commands.report import Shaft, refuse_leg_options
+from rfca_rig.cli.commands.report import ShaftOption, refuse_leg_options
 from rfca_rig.cli.executors import Cluster, Told, open_executor
 from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json
@@ -35,8 +35,8 @@ def fit(
         typer.Option("--out", metavar="FILE", callback=out_file, help="Write the fitted model: .toml; of a mechanism MJCF, .xml."),
     ] = None,
     shaft: Annotated[
-        Shaft, typer.Option("--shaft", help="Simulate along the recorded turn, at the average measured speed, or as commanded.")
-    ] = Shaft.recorded,
+        ShaftOption, typer.Option("--shaft", help="Simulate along the recorded turn, at the average measured speed, or as commanded.")
+    ] = ShaftOption.recorded,
     phases: Annotated[
         str, typer.Option("--phases", metavar="NAME,...", help="Phases to fit: free, touchdown, loading, release, rebound.")
     ] = "loading",
@@ -61,8 +61,8 @@ def fit(
     from rfca_rig.analysis.fitting.fit import Search
     from rfca_rig.analysis.fitting.model_file import write_model_file
     from rfca_rig.analysis.fitting.parameters import named
-    from rfca_rig.analysis.fitting.residuals import Window
-    from rfca_rig.analysis.fitting.strokes import Comparison, fit_recordings
+    from rfca_rig.analysis.fitting.residuals import StrokeWindow
+    from rfca_rig.analysis.fitting.strokes import StrokeComparison, fit_recordings
     from rfca_rig.campaign.opening import experiment_among, open_with_belief, pendulum_among
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import BadInput
@@ -71,7 +71,7 @@ def fit(
     if effects and mechanism is None:
         raise BadInput("--effects: is an option for recordings of a mechanism (experiment.toml); leave it out here")
     if pendulum is not None or mechanism is not None:
-        asked = {"--shaft": shaft != Shaft.recorded, "--phases": phases != "loading", "--after-touchdown": after_touchdown != 200.0}
+        asked = {"--shaft": shaft != ShaftOption.recorded, "--phases": phases != "loading", "--after-touchdown": after_touchdown != 200.0}
         refuse_leg_options({**asked, "--starts": starts != 1, "--cluster": cluster is not None})
     if pendulum is not None:
         _fit_pendulum(pendulum, _names(parameters), out, as_json)
@@ -79,7 +79,7 @@ def fit(
     if mechanism is not None:
         _fit_mechanism(mechanism, _names(parameters), _names(effects), out, as_json)
         return
-    comparison = Comparison(shaft.value, Window(tuple(_names(phases)), 1e-3 * after_touchdown))
+    comparison = StrokeComparison(shaft.value, StrokeWindow(tuple(_names(phases)), 1e-3 * after_touchdown))
     named(_names(parameters))
     recordings = open_with_belief(paths)
     counter = _Counter()

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rfca_rig.report.motions_page import MotionsReport
 
 
-class Shaft(StrEnum):
+class ShaftOption(StrEnum):
     """How the simulated shaft turns."""
 
     average = "average"
@@ -35,8 +35,9 @@ def report(
         Path, typer.Option("--out", metavar="DIR", callback=out_folder, help="Folder for report.html, run.html, their tables.")
     ] = Path("report"),
     shaft: Annotated[
-        Shaft, typer.Option("--shaft", help="Simulate at the average measured speed (as the paper does), as commanded, or as recorded.")
-    ] = Shaft.average,
+        ShaftOption,
+        typer.Option("--shaft", help="Simulate at the average measured speed (as the paper does), as commanded, or as recorded."),
+    ] = ShaftOption.average,
     model: Model = None,
     pdf: Pdf = False,
     as_json: Json = False,
@@ -55,7 +56,7 @@ def report(
     if pendulum is None and mechanism is None:
         write(paths, out, shaft.value, as_json, quiet=as_json, model=model, pdf=pdf)
         return
-    refuse_leg_options({"--shaft": shaft != Shaft.average})
+    refuse_leg_options({"--shaft": shaft != ShaftOption.average})
     if pendulum is not None:
         _write_pendulum(pendulum, out, as_json, model, pdf)
     if mechanism is not None:

@@ -10,7 +10,7 @@ from rfca_rig.cli.options import Dry, Json, Operator, Pace, View, ViewPort
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rfca_rig.bench.begun import Begun
+    from rfca_rig.bench.begun import InterruptedRun
     from rfca_rig.bench.recorder import Recorder
     from rfca_rig.cli.run_config import RunConfig
     from rfca_rig.cli.terminal import Say
@@ -58,14 +58,14 @@ def resume(
         _close(config, begun, as_json)
 
 
-def _check_trip(begun: "Begun", after_trip: bool) -> None:
+def _check_trip(begun: "InterruptedRun", after_trip: bool) -> None:
     from rfca_rig.errors import BadInput
 
     if begun.has_tripped and not after_trip:
         raise BadInput(f"{begun.folder}: was stopped by {begun.why}; look at the rig, then say --after-trip to go on")
 
 
-def _order(begun: "Begun", rig: str | None, as_json: bool, dry_run: bool) -> "RunConfig":
+def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: bool) -> "RunConfig":
     from dataclasses import replace
 
     from rfca_rig.bench.rig_compatibility import rig_to_go_on
@@ -103,7 +103,7 @@ def _order(begun: "Begun", rig: str | None, as_json: bool, dry_run: bool) -> "Ru
     )
 
 
-def _on_stage(begun: "Begun") -> "Callable[[Stage, Recorder, Say], None]":
+def _on_stage(begun: "InterruptedRun") -> "Callable[[Stage, Recorder, Say], None]":
     from rfca_rig.cli.commands.dynamic import say_valley
     from rfca_rig.cli.commands.fatigue import Watcher
     from rfca_rig.cli.commands.static import say_stage
@@ -111,7 +111,7 @@ def _on_stage(begun: "Begun") -> "Callable[[Stage, Recorder, Say], None]":
     return {"dynamic": say_valley, "static": say_stage, "fatigue": Watcher(begun).say_stage}[begun.plan.experiment]
 
 
-def _close(config: "RunConfig", begun: "Begun", as_json: bool) -> None:
+def _close(config: "RunConfig", begun: "InterruptedRun", as_json: bool) -> None:
     import json
 
     from rfca_rig.cli.commands import fatigue

@@ -48,12 +48,14 @@ def run(
     """
     from rfca_rig.cli.attach_view import viewing_of
     from rfca_rig.cli.run_experiment import carry_out
-    from rfca_rig.cli.run_options import Asked, order_of
+    from rfca_rig.cli.run_options import RunOptions, order_of
     from rfca_rig.description.protocol_file import read_static
     from rfca_rig.protocol.experiments import static_plan
 
     viewing = viewing_of(view, view_port, pace)
-    asked = Asked(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing, faults=fault or ())
+    asked = RunOptions(
+        rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing, faults=fault or ()
+    )
     config = order_of(asked, lambda path, facts: static_plan(read_static(path).static_stages(), facts))
     folder, recorder = carry_out(config, say_stage)
     if folder is None or recorder is None:

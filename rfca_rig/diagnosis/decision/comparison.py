@@ -19,7 +19,7 @@ from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionRe
 from rfca_rig.diagnosis.inference.map_fit import log_evidence_by_scale
 from rfca_rig.diagnosis.likelihood.covariance import AtError
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
-from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
+from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
 
 Floats = NDArray[np.float64]
 
@@ -254,7 +254,7 @@ class Comparison:
         if len(columns) < 2:
             return 0.0
         linear = best.hypothesis.fitted.linear(self.result.dataset.rows.measured)
-        wider = Linear(linear.target, np.column_stack([linear.jacobian, VARIES_BY * np.column_stack(columns)]))
+        wider = LinearModel(linear.target, np.column_stack([linear.jacobian, VARIES_BY * np.column_stack(columns)]))
         posterior = laplace_posterior(wider, best.whitening)
         own = slice(linear.jacobian.shape[1], None)
         size, std = VARIES_BY * posterior.mean[own], VARIES_BY * np.sqrt(np.diag(posterior.covariance)[own])

@@ -32,7 +32,7 @@ SET_UP_MIN = 2.0  # minutes of a person before an experiment: start pose, arming
 
 
 @dataclass(frozen=True)
-class Design:
+class ExperimentDesign:
     """Something that can be done next, `repeats` times, ascending numbers to choose from.
 
     `settings` holds its "kind" and settings as the diagnosis states them, `words` says the same. `set_up_min` and `each_min` are usual
@@ -100,14 +100,14 @@ class Option:
     be recorded, 0 off the rig.
     """
 
-    design: Design
+    design: ExperimentDesign
     repeats: int
     pairs: tuple[tuple[str, str, float], ...]
     score: float
     load: float = 0.0
 
 
-def list_options(hypotheses: OpenHypotheses, designs: Iterable[Design], with_bench_tests: bool) -> Iterator[Option]:
+def list_options(hypotheses: OpenHypotheses, designs: Iterable[ExperimentDesign], with_bench_tests: bool) -> Iterator[Option]:
     """All that would separate at least two of the hypotheses."""
     conditions = [(design, condition) for design in designs if (condition := design.try_simulate(hypotheses.open[0])) is not None]
     views = [(design, view) for design, condition in conditions if (view := expected_information(hypotheses, condition)) is not None]
@@ -124,7 +124,7 @@ def list_options(hypotheses: OpenHypotheses, designs: Iterable[Design], with_ben
         shown = [set(effects.split()) & set(hypothesis.ids) for hypothesis in hypotheses.open]
         expected = ENOUGH * np.array([[one != other for other in shown] for one in shown])
         if expected.any():
-            yield _make_option(hypotheses, Design({"kind": kind}, words, 0.0, minutes), 1, expected)
+            yield _make_option(hypotheses, ExperimentDesign({"kind": kind}, words, 0.0, minutes), 1, expected)
 
 
 def propose(options: Sequence[Option]) -> dict[str, object] | None:
@@ -138,7 +138,7 @@ def propose(options: Sequence[Option]) -> dict[str, object] | None:
     return chosen.design.state(chosen.repeats, f"{chosen.design.words}: {reason}", chosen.pairs)
 
 
-def _list_repeats(hypotheses: OpenHypotheses, design: Design, view: ExpectedInformation) -> Iterator[Option]:
+def _list_repeats(hypotheses: OpenHypotheses, design: ExperimentDesign, view: ExpectedInformation) -> Iterator[Option]:
     """Each number of repeats that separates a pair; none where the rig may not do it under one of the hypotheses."""
     if any(design.try_simulate(hypothesis) is None for hypothesis in hypotheses.open[1:]):
         return
@@ -148,7 +148,7 @@ def _list_repeats(hypotheses: OpenHypotheses, design: Design, view: ExpectedInfo
             yield option
 
 
-def _make_option(hypotheses: OpenHypotheses, design: Design, repeats: int, expected: Floats, load: float = 0.0) -> Option:
+def _make_option(hypotheses: OpenHypotheses, design: ExperimentDesign, repeats: int, expected: Floats, load: float = 0.0) -> Option:
     """The option with its score, and with the pairs that it separates at least a little: a log evidence of 1, mean of both directions."""
     names = [" with ".join(hypothesis.ids) or "nothing missing" for hypothesis in hypotheses.open]
     mean, worth = 0.5 * (expected + expected.T), _worth(hypotheses, expected)

@@ -12,13 +12,13 @@ from rfca_rig.analysis.fitting.parameters import Supposed
 from rfca_rig.analysis.phases import Refused
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.bench.expectation import expected_loads
-from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, Design, Option, list_options, propose
+from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, Option, list_options, propose
 from rfca_rig.diagnosis.experiment_design.next_protocol import DYNAMIC, NEXT_PROTOCOL, STATIC, protocol_of
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import OpenHypotheses, list_open_hypotheses
 from rfca_rig.diagnosis.leg.shaft_observations import SIGNAL, ShaftCondition, shaft_condition
 from rfca_rig.diagnosis.leg.simulator import tables_of
 from rfca_rig.diagnosis.leg.stages import MEAN_OF_SAMPLES, StageTable, stage_tables
-from rfca_rig.diagnosis.leg.strokes import BOUNDED, FORCES, FlapCondition, Turn, flap_condition
+from rfca_rig.diagnosis.leg.strokes import BOUNDED, FORCES, FlapCondition, ShaftTurn, flap_condition
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.model.stroke import SimulatedStroke, stroke_following
 from rfca_rig.protocol.check import Load
@@ -123,7 +123,7 @@ def _load_of(stroke: SimulatedStroke) -> Load:
 
 def _flap_designs(
     body: "PreparedData", verdicts: "Findings", region: FeasibleRegion, shaft: ShaftCondition | None = None
-) -> Iterator[tuple[float, Design]]:
+) -> Iterator[tuple[float, ExperimentDesign]]:
     """Strokes at heights and speeds over the region, each with its distance from the nearest recorded condition, 1 where that is alike."""
     slowest = min(SLOWEST_RAD_S, 0.5 * region.speed_rad_s)
     speeds = sorted({round(float(v), 1) for v in np.linspace(slowest, region.speed_rad_s, GRID)})
@@ -149,7 +149,7 @@ def flap_design(
     noise_std: Mapping[str, float],
     shaft: ShaftCondition | None = None,
     strokes_made: int | None = None,
-) -> Design:
+) -> ExperimentDesign:
     """Strokes at a height and speed from a recorded start, if known, with the noise of one sample; with `shaft` its motion alone counts.
 
     The leg has made `strokes_made` before; None where they were not counted.
@@ -159,7 +159,7 @@ def flap_design(
     back_s = (2.0 * np.pi - sweep_rad) / min(DYNAMIC["return_speed_rad_s"], speed_rad_s) + 0.5  # over the top; half a second to stop
 
     def simulate(at: Supposed) -> FlapCondition | ShaftCondition | None:
-        turn = Turn(speed_rad_s, start_rad)
+        turn = ShaftTurn(speed_rad_s, start_rad)
         before_s = 0.2 if at.rig.swing is None else min(0.2, at.rig.swing.before_s)  # recordings usually begin so long before the motion
         t_s = np.arange(-before_s, sweep_rad / speed_rad_s + 0.5 * at.rig.drive.ramp_s, 1e-3)
         before = () if strokes_made is None else (strokes_made,)
@@ -176,10 +176,10 @@ def flap_design(
 
     words = f"dynamic at {settings['height_mm']:g} mm and {speed_rad_s:g} rad/s"
     each_min = (REST_S + sweep_rad / speed_rad_s + back_s) / 60.0
-    return Design(settings, words, SET_UP_MIN, each_min, REPEATS, simulate, NEXT_PROTOCOL)
+    return ExperimentDesign(settings, words, SET_UP_MIN, each_min, REPEATS, simulate, NEXT_PROTOCOL)
 
 
-def _stage_designs(body: "PreparedData", tables: Sequence[StageTable], region: FeasibleRegion) -> Iterator[Design]:
+def _stage_designs(body: "PreparedData", tables: Sequence[StageTable], region: FeasibleRegion) -> Iterator[ExperimentDesign]:
     """At a low, a middle and a high rack where no table was read: two tables of one height would be taken for one sequence."""
     heights_m = region.heights_m(flap.height_m for flap in body.flaps)
     free = [h for h in heights_m if all(abs(h - table.height_m) >= ALIKE_M for table in tables)]
@@ -190,7 +190,7 @@ def _stage_designs(body: "PreparedData", tables: Sequence[StageTable], region: F
 
 def stage_design(
     kind: str, height_m: float, region: FeasibleRegion, noise_std: Mapping[str, float | None], strokes_made: int | None = None
-) -> Design:
+) -> ExperimentDesign:
     """A sequence of shaft angles to go through at one height; `noise_std` is that of one sample, where it is stated.
 
     The leg has made `strokes_made` before; None where they were not counted.
@@ -217,4 +217,4 @@ def stage_design(
 
     way_rad = np.radians(np.abs(np.diff(angles_deg)).sum() + 360.0)  # and on to where the shaft waits
     each_min = float(way_rad / STATIC["move_speed_rad_s"] + len(stages) * (REST_S + STATIC["average_s"])) / 60.0
-    return Design(settings, f"{kind} at {settings['height_mm']:g} mm", SET_UP_MIN, each_min, (1,), simulate, NEXT_PROTOCOL)
+    return ExperimentDesign(settings, f"{kind} at {settings['height_mm']:g} mm", SET_UP_MIN, each_min, (1,), simulate, NEXT_PROTOCOL)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.decision.decide import Decision
-from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, Design, list_options, propose
+from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, list_options, propose
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import list_open_hypotheses
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
@@ -94,7 +94,7 @@ def write_excitation(path: Path, mechanism: Mechanism, excitation: Excitation) -
     write_atomically(path, text.getvalue().encode("utf-8"))
 
 
-def _designs(problem: MechanismProblem) -> Iterator[Design]:
+def _designs(problem: MechanismProblem) -> Iterator[ExperimentDesign]:
     """Sines of each joint alone, and of all together."""
     usual, names = problem.usual, problem.simulator.mechanism.joints
     for joint in range(len(names) + (len(names) > 1)):
@@ -139,7 +139,7 @@ def _sine(usual: UsualMotion, joint: int, travel: float, frequency_Hz: float) ->
     return _Reference(t_s, position, speed, np.gradient(speed, STEP_S, axis=0))
 
 
-def _design(problem: MechanismProblem, settings: dict[str, object], words: str, sine: _Reference) -> Design:
+def _design(problem: MechanismProblem, settings: dict[str, object], words: str, sine: _Reference) -> ExperimentDesign:
     """One recording; None under a hypothesis that needs larger commands than were recorded."""
     simulator, like = problem.simulator, problem.conditions[0]
     window, model = like.windows[0].window, simulator.mechanism.model
@@ -167,4 +167,4 @@ def _design(problem: MechanismProblem, settings: dict[str, object], words: str, 
             windows.append(correct_window(planned, simulator, nominal, problem.torque))
         return Motions(words, "next", words, like.signals, tuple(windows))
 
-    return Design(settings, words, SET_UP_MIN, 2.0 * SECONDS / 60.0, REPEATS, simulate)
+    return ExperimentDesign(settings, words, SET_UP_MIN, 2.0 * SECONDS / 60.0, REPEATS, simulate)

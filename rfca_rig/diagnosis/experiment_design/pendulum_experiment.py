@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.swings import sample_noise, shifted, swings_of
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun
 from rfca_rig.diagnosis.decision.decide import Decision
-from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, Design, list_options, propose
+from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, list_options, propose
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import list_open_hypotheses
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.pendulums.nuisances import SupposedPendulum
@@ -30,7 +30,7 @@ def next_swing(campaign: PendulumCampaign, found: ModelSelectionResult, decision
     return None if hypotheses is None else propose(list(list_options(hypotheses, _designs(campaign), enough)))
 
 
-def _designs(campaign: PendulumCampaign) -> Iterator[Design]:
+def _designs(campaign: PendulumCampaign) -> Iterator[ExperimentDesign]:
     """Releases, and where there are motors sines in each driven joint; noise and sample time as recorded."""
     first, links = campaign.runs[0], campaign.pendulum.links
     weight_Nm = GRAVITY_M_S2 * links[0].mass_kg * links[0].centre_of_mass_m
@@ -54,7 +54,7 @@ def _designs(campaign: PendulumCampaign) -> Iterator[Design]:
             yield _design(campaign, settings, words, t_s, torque)
 
 
-def _design(campaign: PendulumCampaign, settings: dict[str, object], words: str, t_s: Floats, torque_Nm: Floats | None) -> Design:
+def _design(campaign: PendulumCampaign, settings: dict[str, object], words: str, t_s: Floats, torque_Nm: Floats | None) -> ExperimentDesign:
     """One recording from rest, with a torque over time (m, n), or released with the motors off; no joint turns farther than recorded."""
     first, links = campaign.runs[0], len(campaign.pendulum.links)
     noise = zip(("angle_rad", "speed_rad_s"), sample_noise(first, campaign.noise_std), strict=False)
@@ -76,4 +76,4 @@ def _design(campaign: PendulumCampaign, settings: dict[str, object], words: str,
         return replace(stretches[0], windows=tuple(window for stretch in stretches for window in stretch.windows))
 
     and_back_to_rest_min = 2.0 * float(t_s[-1]) / 60.0
-    return Design(settings, words, SET_UP_MIN, and_back_to_rest_min, REPEATS, simulate)
+    return ExperimentDesign(settings, words, SET_UP_MIN, and_back_to_rest_min, REPEATS, simulate)

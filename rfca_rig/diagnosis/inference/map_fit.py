@@ -31,7 +31,7 @@ from rfca_rig.diagnosis.config import (
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.likelihood.covariance import AtError, Whitening
-from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior, laplace_posteriors
+from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior, laplace_posteriors
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, MarginalPosterior, make_marginal_likelihood
 
 Floats = NDArray[np.float64]
@@ -65,9 +65,9 @@ class MapFit:
         nuisances = self.coordinates.nuisances
         return np.concatenate([np.zeros(nuisances), self.x[nuisances:]])
 
-    def linear(self, measured: Floats) -> Linear:
+    def linear(self, measured: Floats) -> LinearModel:
         """The hypothesis as a linear model."""
-        return Linear(measured - self.predicted + self.jacobian @ self.x, self.jacobian)
+        return LinearModel(measured - self.predicted + self.jacobian @ self.x, self.jacobian)
 
 
 @dataclass(frozen=True)
@@ -264,7 +264,7 @@ def _widths(size: Floats) -> Floats:
     return np.asarray(np.clip(WELL_SEEN / np.maximum(size, 1e-300), NARROWEST, WIDEST))
 
 
-def _goal(linear: Linear, whitening: Whitening) -> Floats:
+def _goal(linear: LinearModel, whitening: Whitening) -> Floats:
     """The posterior mean within the bounds: what would leave them is held there, and the others found anew."""
     x, free = laplace_posterior(linear, whitening).mean, np.ones(linear.jacobian.shape[1], dtype=bool)
     while np.any(np.abs(x[free]) > FARTHEST):
@@ -272,6 +272,6 @@ def _goal(linear: Linear, whitening: Whitening) -> Floats:
         x = np.clip(x, -FARTHEST, FARTHEST)
         if not free.any():
             break
-        rest = Linear(linear.target - linear.jacobian[:, ~free] @ x[~free], linear.jacobian[:, free])
+        rest = LinearModel(linear.target - linear.jacobian[:, ~free] @ x[~free], linear.jacobian[:, free])
         x[free] = laplace_posterior(rest, whitening).mean
     return np.clip(x, -FARTHEST, FARTHEST)

@@ -53,7 +53,7 @@ Terms = tuple[EffectTerm, ...]
 
 
 @dataclass(frozen=True)
-class Start:
+class FitStart:
     """Where a fit begins: effects, all unknowns (p,), and the first columns of the Jacobian on all conditions, (m, k)."""
 
     terms: Terms
@@ -206,13 +206,13 @@ def _screen_again(state: SearchState, base: MapFit, projection: Projection, prob
     return _screen(state, base, projection, promising_points(projection, probes, config.probed_again))
 
 
-def _first_sets(starts: Sequence[Start], count: int) -> list[Start]:
+def _first_sets(starts: Sequence[FitStart], count: int) -> list[FitStart]:
     """The starts of the first so many sets of effects."""
     sets = list(dict.fromkeys(frozenset(start.terms) for start in starts))[:count]
     return [start for start in starts if frozenset(start.terms) in sets]
 
 
-def _single_starts(screen: Screen, count: int, least: float) -> list[Start]:
+def _single_starts(screen: Screen, count: int, least: float) -> list[FitStart]:
     """At most `count` grid points of every effect, most promising first, of effects that promise `least` of chi-square."""
     by_term: dict[EffectTerm, list[tuple[float, EffectProbe]]] = {}
     for probe in screen.probes:
@@ -226,7 +226,7 @@ def _single_starts(screen: Screen, count: int, least: float) -> list[Start]:
     return [_beside(screen.base, (probe,)) for _, probe in sorted(found, key=lambda pair: -pair[0])]
 
 
-def _pair_starts(screen: Screen, count: int, least: float) -> list[Start]:
+def _pair_starts(screen: Screen, count: int, least: float) -> list[FitStart]:
     """The best grid points of at most `count` pairs of effects that promise `least` of chi-square together, most promising first."""
     probes = screen.probes
     if len(probes) < 2:
@@ -254,12 +254,12 @@ def _joint_gains(projection: Projection, probes: Sequence[EffectProbe]) -> Float
     return np.asarray(2.0 * (first * match[:, None] + second * match[None, :]) - quadratic)
 
 
-def _partner_starts(state: SearchState, size: int, screen: Screen, config: SearchConfig) -> list[Start]:
+def _partner_starts(state: SearchState, size: int, screen: Screen, config: SearchConfig) -> list[FitStart]:
     """One effect more beside the best sets of a size, screened by what it would do to a model that has these effects already.
 
     Only effects are screened that promise something beside the parent with their signatures beside the fit without effects.
     """
-    found: list[Start] = []
+    found: list[FitStart] = []
     least = config.worth_beside_a_good_fit if _is_adequate(state) else config.worth_a_fit
     for parent in state.of_size(size)[: config.parents if size == 1 and least == config.worth_a_fit else 1]:
         projection = _projection(state, parent)
@@ -269,19 +269,19 @@ def _partner_starts(state: SearchState, size: int, screen: Screen, config: Searc
     return found
 
 
-def _beside(base: MapFit, probes: Sequence[EffectProbe]) -> Start:
+def _beside(base: MapFit, probes: Sequence[EffectProbe]) -> FitStart:
     terms = (*base.coordinates.choices, *(probe.choice for probe in probes))
-    return Start(terms, np.concatenate([base.x, *(probe.z for probe in probes)]), base.jacobian)
+    return FitStart(terms, np.concatenate([base.x, *(probe.z for probe in probes)]), base.jacobian)
 
 
-def _fit_best(state: SearchState, starts: Sequence[Start], full: int) -> SearchState:
+def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> SearchState:
     """The starts fitted on the subset, of each set the best; the best so many of these sets on all conditions."""
     known = {frozenset(fit.coordinates.choices) for fit in state.fits if len(fit.coordinates.choices) > 1}
     wanted = [start for start in starts if frozenset(start.terms) not in known]
     with ThreadPoolExecutor(THREADS) as pool:
         fits = pool.map(lambda start: _fit(state.coarse, state, start, 2), wanted)
         ends = [
-            (state.coarse.free_log_evidence(fit), Start(start.terms, fit.x, start.jacobian))
+            (state.coarse.free_log_evidence(fit), FitStart(start.terms, fit.x, start.jacobian))
             for start, fit in zip(wanted, fits, strict=True)
             if fit is not None
         ]
@@ -292,7 +292,7 @@ def _fit_best(state: SearchState, starts: Sequence[Start], full: int) -> SearchS
         return state.with_fits(fit for fit in fits if fit is not None)
 
 
-def _fit(optimizer: GaussNewton, state: SearchState, start: Start, levels: int) -> MapFit | None:
+def _fit(optimizer: GaussNewton, state: SearchState, start: FitStart, levels: int) -> MapFit | None:
     """The MAP fit from a start, None where the model has no answer."""
     known = start.jacobian if optimizer is state.optimizer else start.jacobian[state.in_coarse]
     here = optimizer.at(state.nominal.coordinates.with_terms(start.terms), start.x, known)
@@ -358,14 +358,14 @@ def _exchange(state: SearchState, probes: Sequence[EffectProbe], config: SearchC
     """
     terms = tuple(dict.fromkeys(probe.choice for probe in probes))
     parents = [fit for fit in dict.fromkeys((state.nothing, state.best)) if frozenset(fit.coordinates.choices) not in state.exchanged]
-    starts: list[Start] = []
+    starts: list[FitStart] = []
     for base, wanted in (pair for parent in parents for pair in _without_each_part(state, parent, terms)):
         suitable = [probe for probe in probes if probe.choice.effect.id in wanted]
         ranked = _single_starts(_screen_again(state, base, _projection(state, base), suitable, config), 1, 0.0)
         starts += {start.terms[-1].effect.id: start for start in reversed(ranked)}.values()
     # A fit whose nuisance parameters had to leave what is plausible may have ended in another mode than that of their prior means.
     astray = [fit for fit in parents if fit.farthest > IMPLAUSIBLE and fit.ids]
-    starts += [Start(fit.coordinates.choices, fit.at_prior_means, fit.jacobian) for fit in astray]
+    starts += [FitStart(fit.coordinates.choices, fit.at_prior_means, fit.jacobian) for fit in astray]
     with ThreadPoolExecutor(THREADS) as pool:
         fits = pool.map(lambda start: _fit(state.optimizer, state, start, 5), starts)
         found = [fit for fit in fits if fit is not None]
@@ -411,7 +411,7 @@ def _fit_nested(state: SearchState) -> SearchState:
             terms = tuple(other for i, other in enumerate(coordinates.choices) if i != number)
             x = np.delete(best.x, np.arange(coordinates.size)[coordinates.part(number)])
             of_nuisances = best.jacobian[:, : coordinates.nuisances]
-            found.append(_fit(state.optimizer, state, Start(terms, x, of_nuisances), 5))
+            found.append(_fit(state.optimizer, state, FitStart(terms, x, of_nuisances), 5))
             if term.effect.same_as not in coordinates.space.names:
                 continue
             predicted = state.optimizer.dataset.predicted(coordinates.with_terms(terms).supposed(x))
@@ -421,14 +421,14 @@ def _fit_nested(state: SearchState) -> SearchState:
                 change = (best.predicted - predicted) / state.optimizer.dataset.rows.noise
                 share = float(along @ change) / max(float(along @ along), 1e-300)
                 x[place] = np.clip(x[place] + share, -FARTHEST, FARTHEST)
-                found.append(_fit(state.optimizer, state, Start(terms, x, of_nuisances), 5))
+                found.append(_fit(state.optimizer, state, FitStart(terms, x, of_nuisances), 5))
     return state.with_fits(fit for fit in found if fit is not None)
 
 
 def _refit_nothing(state: SearchState) -> SearchState:
     """The fit without effects also from the nuisance parameters of the best explanation; the better one is converged."""
     nuisances = state.nominal.coordinates.nuisances
-    again = _fit(state.optimizer, state, Start((), state.best.x[:nuisances], state.best.jacobian[:, :nuisances]), 5)
+    again = _fit(state.optimizer, state, FitStart((), state.best.x[:nuisances], state.best.jacobian[:, :nuisances]), 5)
     best = max((fit for fit in (state.nothing, again) if fit is not None), key=state.optimizer.free_log_evidence)
     return replace(state, nothing=state.optimizer.converge(best))
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed, space_of
-from rfca_rig.analysis.fitting.space import Parameter, Space
+from rfca_rig.analysis.fitting.space import FitParameter, Space
 from rfca_rig.model.parameters import RigModel, Swing
 
 # how a floor ties and drags a point beside mu N, how high in a deep print, and what it damps of a point that leaves
@@ -37,11 +37,11 @@ def nuisances_of_drive(rig: RigModel, centre: Supposed, known_to: Mapping[str, f
     return _joined(replace(space, centre=centre), (_DELAY,), known_to)
 
 
-def _prior_std(parameter: Parameter[Supposed], known_to: Mapping[str, float]) -> float:
+def _prior_std(parameter: FitParameter[Supposed], known_to: Mapping[str, float]) -> float:
     return known_to.get(parameter.known_to or "", parameter.spread)
 
 
-def _joined(space: Space[Supposed], more: tuple[Parameter[Supposed], ...], known_to: Mapping[str, float]) -> Space[Supposed]:
+def _joined(space: Space[Supposed], more: tuple[FitParameter[Supposed], ...], known_to: Mapping[str, float]) -> Space[Supposed]:
     free = tuple(p for p in more if _prior_std(p, known_to) > 0.0)
     return replace(
         space,
@@ -64,11 +64,11 @@ def _with_rate(at: Supposed, rate_per_s: float) -> Supposed:
 
 
 _SWING = (
-    Parameter("swing", "sags", False, SAGS, lambda at: _swing(at).share, _with_share, "swing_sags"),
-    Parameter("swing_rate", "sags/s", False, SAGS_PER_S, lambda at: _swing(at).rate_per_s, _with_rate, "swing_sags_per_s"),
+    FitParameter("swing", "sags", False, SAGS, lambda at: _swing(at).share, _with_share, "swing_sags"),
+    FitParameter("swing_rate", "sags/s", False, SAGS_PER_S, lambda at: _swing(at).rate_per_s, _with_rate, "swing_sags_per_s"),
 )
 
-_DELAY: Parameter[Supposed] = Parameter(
+_DELAY: FitParameter[Supposed] = FitParameter(
     "command_delay", "ms", False, LATE_MS, lambda at: 1e3 * at.command_delay_s, lambda at, ms: replace(at, command_delay_s=1e-3 * ms),
     "command_delay_ms",
 )  # fmt: skip

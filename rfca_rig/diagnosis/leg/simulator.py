@@ -15,7 +15,7 @@ from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable
 from rfca_rig.diagnosis.leg.strokes import FlapCondition
 from rfca_rig.diagnosis.likelihood.covariance import discrepancy, factored
-from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
+from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
 from rfca_rig.diagnosis.simulator import ScatterDirection, Simulator, spread
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import PresentEffect
@@ -116,4 +116,4 @@ def _log_evidence(tables: Sequence[StageTable], input_at: Callable[[Floats], Sup
         return -np.inf
     jacobian = np.column_stack([np.zeros(len(here)) if m is None else (m - here) / WIDE_STEP for m in moved])
     whitening = factored(np.diag(rows.noise**2) + USUAL_ERROR**2 * discrepancy(rows))
-    return laplace_posterior(Linear(rows.measured - here + jacobian @ x, jacobian), whitening).log_evidence
+    return laplace_posterior(LinearModel(rows.measured - here + jacobian @ x, jacobian), whitening).log_evidence

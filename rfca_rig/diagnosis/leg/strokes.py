@@ -35,7 +35,7 @@ BOUNDED = Tolerance(most_steps=50_000)
 
 
 @dataclass(frozen=True)
-class Turn:
+class ShaftTurn:
     """How the shaft moves: along `recorded`, or where that is None from `start_rad` to `speed_rad_s` as commanded, but `late_s` later.
 
     `start_rad` is None where no shaft angle was recorded; then the leg starts where it is believed to.
@@ -67,7 +67,7 @@ class FlapCondition:
 
     label: str
     height_m: float
-    turn: Turn
+    turn: ShaftTurn
     t_s: Floats
     first: NDArray[np.intp]
     signals: tuple[str, ...]
@@ -128,7 +128,7 @@ def dynamic_label(condition: str, signal: str) -> Label:
     return Label("dynamic", condition, signal, SMOOTH_OVER, errs_by_phase=False)
 
 
-def flap_condition(condition: Condition, noise_std: Mapping[str, float | None], turn: Turn) -> FlapCondition | Refused:
+def flap_condition(condition: Condition, noise_std: Mapping[str, float | None], turn: ShaftTurn) -> FlapCondition | Refused:
     """The condition as rows; refused where none of its strokes shows a valley."""
     good = [(s, p) for s in condition.strokes if not isinstance((p := _phases(s)), Refused)]
     if not good:
@@ -150,21 +150,21 @@ def flap_condition(condition: Condition, noise_std: Mapping[str, float | None], 
     return FlapCondition(condition.label, condition.height_m, turn, time[inside], first, signals, repeats, phases, noise, valley, before)
 
 
-def turn_of(condition: Condition, follows_recorded: bool, late_s: float = 0.0) -> Turn:
+def turn_of(condition: Condition, follows_recorded: bool, late_s: float = 0.0) -> ShaftTurn:
     """The turn of a condition: as commanded from its mean recorded start, `late_s` later, or along the mean of its recorded angles.
 
     What obeys is better known from its command: what an encoder adds shakes no leg.
     """
     traces = [trace for stroke in condition.strokes if (trace := stroke.channel("shaft_angle_rad")) is not None]
     if not traces:
-        return Turn(condition.speed_rad_s, None)
+        return ShaftTurn(condition.speed_rad_s, None)
     starts = [angle[t_s <= 0.0].mean() if (t_s <= 0.0).any() else angle[0] for t_s, angle in traces]
     start = float(np.mean(starts))
     if not follows_recorded:
-        return Turn(condition.speed_rad_s, start, late_s=late_s)
+        return ShaftTurn(condition.speed_rad_s, start, late_s=late_s)
     shortest = min((t_s for t_s, _ in traces), key=len)
     mean = np.mean([np.interp(shortest, t_s, angle) for t_s, angle in traces], axis=0)
-    return Turn(condition.speed_rad_s, start, follow(shortest, mean))
+    return ShaftTurn(condition.speed_rad_s, start, follow(shortest, mean))
 
 
 def _phases(stroke: Stroke) -> StrokePhases | Refused:

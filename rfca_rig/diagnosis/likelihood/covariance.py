@@ -58,7 +58,7 @@ def factored(covariance: Floats) -> Factored:
 
 
 @dataclass(frozen=True)
-class Block:
+class SignalBlock:
     """The rows `of` one signal (b,), with `turn` D turn^T = 1 and `turn` K turn^T = diag(`strength`); `back` is the inverse of `turn`."""
 
     of: Integers
@@ -68,10 +68,10 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Basis:
+class DiscrepancyBasis:
     """The blocks, whose rows are below each other in it; `scatter` (m, k) is B; log of the determinant of D."""
 
-    blocks: tuple[Block, ...]
+    blocks: tuple[SignalBlock, ...]
     scatter: Floats
     log_det: float
 
@@ -126,7 +126,7 @@ def _shrinking(along: Floats) -> _Shrinking:
 class AtError:
     """The whitening of C(s)."""
 
-    basis: Basis
+    basis: DiscrepancyBasis
     s: float
 
     @property
@@ -203,12 +203,12 @@ def _discrepancy_within(rows: Observations, of: Integers) -> Floats:
     return np.asarray(scale[:, None] * smooth * scale + np.diag(FLOOR * scale**2 + rows.jolt[of] ** 2))
 
 
-def basis_of(rows: Observations, scatter: Floats) -> Basis:
+def basis_of(rows: Observations, scatter: Floats) -> DiscrepancyBasis:
     """The basis of these rows; `scatter` (m, k) is B."""
-    return Basis(tuple(_block(rows, of) for of in _alike(rows)), scatter, 2.0 * float(np.log(rows.noise).sum()))
+    return DiscrepancyBasis(tuple(_block(rows, of) for of in _alike(rows)), scatter, 2.0 * float(np.log(rows.noise).sum()))
 
 
-def _block(rows: Observations, of: Integers) -> Block:
+def _block(rows: Observations, of: Integers) -> SignalBlock:
     noise = rows.noise[of]
     strength, vectors = eigh(_discrepancy_within(rows, of) / np.outer(noise, noise), check_finite=False, driver="evd")
-    return Block(of, np.ascontiguousarray(vectors.T / noise), noise[:, None] * vectors, np.maximum(strength, 0.0))
+    return SignalBlock(of, np.ascontiguousarray(vectors.T / noise), noise[:, None] * vectors, np.maximum(strength, 0.0))

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 
 from rfca_rig.diagnosis.likelihood.covariance import AtError
-from rfca_rig.diagnosis.likelihood.laplace import Linear
+from rfca_rig.diagnosis.likelihood.laplace import LinearModel
 
 Floats = NDArray[np.float64]
 
 
-def loo_residuals(linear: Linear, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
+def loo_residuals(linear: LinearModel, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
     """Measured less predicted (m,), in the signals' units, each condition of `left_out` predicted from all other rows.
 
     Rows of other conditions are 0.
@@ -29,7 +29,7 @@ def loo_residuals(linear: Linear, whitening: AtError, condition: NDArray[np.intp
     return apart
 
 
-def loo_estimates(linear: Linear, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
+def loo_estimates(linear: LinearModel, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
     """Posterior means of the unknowns (conditions, p), each from all rows but those of one condition of `left_out`."""
     both, unknowns = np.column_stack([linear.jacobian, linear.target]), linear.jacobian.shape[1]
     weighted = whitening.weighted(both)
@@ -40,7 +40,7 @@ def loo_estimates(linear: Linear, whitening: AtError, condition: NDArray[np.intp
     return np.array(means).reshape(len(means), unknowns)
 
 
-def jackknife_std(linear: Linear, whitening: AtError, condition: NDArray[np.intp]) -> Floats:
+def jackknife_std(linear: LinearModel, whitening: AtError, condition: NDArray[np.intp]) -> Floats:
     """Standard deviations of all unknowns by leaving one condition out at a time, (p,); 0 with fewer than three conditions.
 
     Parameters
@@ -63,7 +63,7 @@ def jackknife_std(linear: Linear, whitening: AtError, condition: NDArray[np.intp
     return np.asarray(np.sqrt((count - 1) * np.var(means, axis=0)))
 
 
-def loo_log_densities(linear: Linear, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
+def loo_log_densities(linear: LinearModel, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
     """Log predictive density of each condition's rows, given all other rows, (conditions,); those that stay in are 0."""
     both, log_2pi = np.column_stack([linear.jacobian, linear.target]), float(np.log(2.0 * np.pi))
     weighted = whitening.weighted(both)

@@ -15,15 +15,15 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearModel:
     """The model near a point: `target` (m,) is r above, `slope` (m, p) is J, both in the signals' units."""
 
     target: Floats
     jacobian: Floats
 
-    def kept(self, rows: NDArray[np.bool_]) -> "Linear":
+    def kept(self, rows: NDArray[np.bool_]) -> "LinearModel":
         """The same for some rows only."""
-        return Linear(self.target[rows], self.jacobian[rows])
+        return LinearModel(self.target[rows], self.jacobian[rows])
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,12 @@ class Posterior:
     chi2: float
 
 
-def laplace_posterior(linear: Linear, whitening: Whitening) -> Posterior:
+def laplace_posterior(linear: LinearModel, whitening: Whitening) -> Posterior:
     """The posterior under the covariance that this whitens."""
     return _solved(whitening(linear.target), whitening(linear.jacobian), whitening.log_det)
 
 
-def laplace_posteriors(linear: Linear, whitenings: Sequence[AtError], extra_directions: Floats | None = None) -> list[Posterior]:
+def laplace_posteriors(linear: LinearModel, whitenings: Sequence[AtError], extra_directions: Floats | None = None) -> list[Posterior]:
     """The same at several model errors of one basis.
 
     `extra_directions` (m, k) are further directions in which the data may vary by one standard deviation each.

@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 from rfca_rig.diagnosis.config import NAMED_ERRORS, UNKNOWN_ERRORS, USUAL_ERROR
 from rfca_rig.diagnosis.data.observations import Observations
 from rfca_rig.diagnosis.likelihood.covariance import AtError, basis_of
-from rfca_rig.diagnosis.likelihood.laplace import Linear, Posterior, laplace_posteriors
+from rfca_rig.diagnosis.likelihood.laplace import LinearModel, Posterior, laplace_posteriors
 
 Floats = NDArray[np.float64]
 
@@ -38,16 +38,16 @@ class MarginalLikelihood:
     named: tuple[AtError, ...]
     unknown: tuple[AtError, ...]
 
-    def evaluate(self, linear: Linear, extra_directions: Floats | None = None) -> MarginalPosterior:
+    def evaluate(self, linear: LinearModel, extra_directions: Floats | None = None) -> MarginalPosterior:
         """The hypothesis whose linear model this is, as if nothing else were missing; `extra_directions` as in `laplace_posteriors`."""
         half_normal = np.log(np.gradient(NAMED_ERRORS)) - 0.5 * (np.array(NAMED_ERRORS) / USUAL_ERROR) ** 2
         return _integrated(self.named, half_normal - logsumexp(half_normal), linear, extra_directions)
 
-    def evaluate_unknown(self, linear: Linear) -> MarginalPosterior:
+    def evaluate_unknown(self, linear: LinearModel) -> MarginalPosterior:
         """The same with something unlisted in it."""
         return _integrated(self.unknown, np.full(len(self.unknown), -np.log(len(self.unknown))), linear, None)
 
-    def level(self, linear: Linear) -> AtError:
+    def level(self, linear: LinearModel) -> AtError:
         """The whitening under which this linear model is likeliest, the usual one at least: what its misfit really is."""
         every = [whitening for whitening in (*self.named, *self.unknown[1:]) if whitening.s >= USUAL_ERROR]
         logs = [posterior.log_evidence for posterior in laplace_posteriors(linear, every)]
@@ -70,7 +70,9 @@ def make_marginal_likelihood(rows: Observations, scatter: Floats) -> MarginalLik
     return MarginalLikelihood(tuple(AtError(basis, s) for s in NAMED_ERRORS), tuple(AtError(basis, s) for s in UNKNOWN_ERRORS))
 
 
-def _integrated(whitenings: tuple[AtError, ...], log_weights: Floats, linear: Linear, extra_directions: Floats | None) -> MarginalPosterior:
+def _integrated(
+    whitenings: tuple[AtError, ...], log_weights: Floats, linear: LinearModel, extra_directions: Floats | None
+) -> MarginalPosterior:
     found = laplace_posteriors(linear, whitenings, extra_directions)
     logs = np.array([posterior.log_evidence for posterior in found]) + log_weights
     total = float(logsumexp(logs))

@@ -15,7 +15,7 @@ from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.diagnosis.mechanisms.windows import MechanismSimulator
 from rfca_rig.diagnosis.residual_force.joint_argument import make_joint_argument
 from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, StatedLaw
-from rfca_rig.diagnosis.residual_force.measured_law import Start, measure_best_law
+from rfca_rig.diagnosis.residual_force.measured_law import LawStart, measure_best_law
 from rfca_rig.diagnosis.residual_force.stated_law import CURVE_POINTS
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.joint_law import QUANTITIES, compute_own_law
@@ -102,7 +102,7 @@ def measure_joint_law(
 
     usual = float(problem.usual.torque[place.joint])
     arguments = [make_joint_argument(mechanism, place.joint, quantity, usual) for quantity in place.quantities]
-    law = measure_best_law(found, arguments, base, Start(base.fitted.x, curve) if instead_of else None, renew_range=True)
+    law = measure_best_law(found, arguments, base, LawStart(base.fitted.x, curve) if instead_of else None, renew_range=True)
     u = np.linspace(*law.visited, CURVE_POINTS)
     drawn = curve(law.argument, u)
     stated = StatedLaw(law, instead_of, None if drawn is None else CatalogueCurve(" and ".join(instead_of), u, drawn))

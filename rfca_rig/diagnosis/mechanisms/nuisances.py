@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from rfca_rig.analysis.fitting.space import Parameter, Space, never_below
+from rfca_rig.analysis.fitting.space import FitParameter, Space, never_below
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.nuisances import NUISANCES, OF_COMMANDS, SENSORS, groups_of
 from rfca_rig.mechanism.plant import Plant
@@ -61,7 +61,7 @@ def space_of_mechanism(
     return Space(tuple(parameters), MechanismInput(), np.array(stds), np.ones(len(stds), dtype=bool))
 
 
-def _parameter(mechanism: Mechanism, key: str, name: str, places: tuple[int, ...], std: float) -> Parameter[MechanismInput]:
+def _parameter(mechanism: Mechanism, key: str, name: str, places: tuple[int, ...], std: float) -> FitParameter[MechanismInput]:
     kind = NUISANCES[key]
     shift = float if kind.nominal is None else never_below(kind.nominal(mechanism, places[0]), std)
 
@@ -72,7 +72,7 @@ def _parameter(mechanism: Mechanism, key: str, name: str, places: tuple[int, ...
         others = (pair for pair in at.off if pair[0] not in {(key, place) for place in places})
         return replace(at, off=(*others, *(((key, place), shift(value)) for place in places)))
 
-    return Parameter(f"{name}.{key}" if name else key, kind.unit, False, std, read, write)
+    return FitParameter(f"{name}.{key}" if name else key, kind.unit, False, std, read, write)
 
 
 def shift_plant(plant: Plant, at: MechanismInput) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.analysis.fitting.space import Parameter, Space, never_below
+from rfca_rig.analysis.fitting.space import FitParameter, Space, never_below
 from rfca_rig.analysis.swings import Nuisance
 from rfca_rig.model.pendulum import Pendulum, rods
 
@@ -27,7 +27,7 @@ def space_of_pendulum(pendulum: Pendulum, nuisances: Sequence[Nuisance]) -> Spac
     return Space(parameters, SupposedPendulum(rods(pendulum)), std, np.ones(len(std), dtype=bool))
 
 
-def _parameter(pendulum: Pendulum, nuisance: Nuisance) -> Parameter[SupposedPendulum]:
+def _parameter(pendulum: Pendulum, nuisance: Nuisance) -> FitParameter[SupposedPendulum]:
     link, _, key = nuisance.name.partition(".")
     shift: Callable[[float], float] = float
     if key in NEVER_NEGATIVE:
@@ -40,7 +40,7 @@ def _parameter(pendulum: Pendulum, nuisance: Nuisance) -> Parameter[SupposedPend
         return replace(at, off=(*(pair for pair in at.off if pair[0] != nuisance.name), (nuisance.name, shift(value))))
 
     unit = "" if nuisance.name.endswith("_relative") else nuisance.name.split("_", 2)[-1]
-    return Parameter(nuisance.name, unit, False, nuisance.std, read, write)
+    return FitParameter(nuisance.name, unit, False, nuisance.std, read, write)
 
 
 def of_pendulum(at: Supposed) -> SupposedPendulum:

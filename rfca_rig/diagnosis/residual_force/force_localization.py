@@ -34,7 +34,7 @@ NEGLIGIBLE = 1e-6  # of a process's variance
 
 
 @dataclass(frozen=True)
-class Scene:
+class ForceScene:
     """What remains when nothing is missing that is listed: the rows of strokes up to the valley, as a linear model in the nuisances.
 
     `target` (m,), `slope` (m, p); `conditions` as the model has them, in the rows' order.
@@ -91,7 +91,7 @@ class LocalizedForce:
     misfit: dict[str, float]
 
 
-def scene_of(dataset: Dataset, nothing: MapFit, scatter: Floats) -> Scene:
+def scene_of(dataset: Dataset, nothing: MapFit, scatter: Floats) -> ForceScene:
     """The scene around `nothing`; `scatter` (m, k) as in `covariance`. Raises SimulationFailed."""
     flaps = [flap.until(flap.phases.valley_s + AFTER_VALLEY_S) for flap in flaps_of(dataset.parts)]
     ends_s = np.array([flap.t_s[-1] for flap in flaps])
@@ -100,7 +100,7 @@ def scene_of(dataset: Dataset, nothing: MapFit, scatter: Floats) -> Scene:
     rows = _kept(dataset.rows, kept)
     linear = nothing.linear(dataset.rows.measured).kept(kept)
     conditions = nominal_conditions(flaps, nothing.coordinates.supposed(nothing.x))
-    return Scene(rows, linear.target, linear.jacobian, make_marginal_likelihood(rows, scatter[kept]), conditions)
+    return ForceScene(rows, linear.target, linear.jacobian, make_marginal_likelihood(rows, scatter[kept]), conditions)
 
 
 def _kept(rows: Observations, kept: NDArray[np.bool_]) -> Observations:
@@ -108,7 +108,7 @@ def _kept(rows: Observations, kept: NDArray[np.bool_]) -> Observations:
     return replace(rows, **arrays)
 
 
-def localize_force(scene: Scene, place: ForceInput, responses: Sequence[Floats]) -> LocalizedForce:
+def localize_force(scene: ForceScene, place: ForceInput, responses: Sequence[Floats]) -> LocalizedForce:
     """The place with its likeliest force; `responses` as `place.responses` has them."""
     response = scene.stack_responses(responses)
     sizes = [place.size * size for size in SIZES]
@@ -126,7 +126,7 @@ def localize_force(scene: Scene, place: ForceInput, responses: Sequence[Floats])
     )
 
 
-def misfit_of(scene: Scene, x: Floats, pushed: Floats) -> dict[str, float]:
+def misfit_of(scene: ForceScene, x: Floats, pushed: Floats) -> dict[str, float]:
     """Mean square of what is left over what is expected, in each channel."""
     square = (scene.target - scene.jacobian @ x - pushed) ** 2 / scene.likelihood.usual.variance()
     return {str(name): float(square[scene.rows.signal == name].mean()) for name in np.unique(scene.rows.signal)}
@@ -171,14 +171,14 @@ class System:
         return mean[:p], root @ mean[p:], root @ covariance[p:, p:] @ root.T
 
 
-def system_of(scene: Scene, whitening: Whitening, response: Floats) -> System:
+def system_of(scene: ForceScene, whitening: Whitening, response: Floats) -> System:
     """The system of a response (m, k)."""
     both, target = whitening(np.hstack([scene.jacobian, response])), whitening(scene.target)
     constant = -0.5 * (float(target @ target) + whitening.log_det)
     return System(both.T @ both, both.T @ target, constant, scene.jacobian.shape[1])
 
 
-def systems_without_each(scene: Scene, whitening: AtError, response: Floats) -> list[System]:
+def systems_without_each(scene: ForceScene, whitening: AtError, response: Floats) -> list[System]:
     """The systems of the same response, each without the rows of one condition."""
     both = np.column_stack([scene.jacobian, response, scene.target])
     weighted = whitening.weighted(both)

@@ -12,7 +12,7 @@ from scipy.special import logsumexp, softmax
 from rfca_rig.diagnosis.config import AS_GOOD, DOMINANT, NEAR, SURE
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.leg.simulator import flaps_of
-from rfca_rig.diagnosis.residual_force.force_localization import LocalizedForce, Scene, localize_force, scene_of
+from rfca_rig.diagnosis.residual_force.force_localization import ForceScene, LocalizedForce, localize_force, scene_of
 from rfca_rig.diagnosis.residual_force.sparse_law import FoundTerm, SparseLaw, sparse_laws
 from rfca_rig.diagnosis.result import StatedPlace
 
@@ -67,7 +67,7 @@ def free_form(found: ModelSelectionResult) -> FreeForm | None:
     )
 
 
-def candidates(scene: Scene) -> tuple[Candidate, ...]:
+def candidates(scene: ForceScene) -> tuple[Candidate, ...]:
     """All places, likeliest first; those far behind are given no formula."""
     responses = {place.id: place.responses(scene.conditions) for place in scene.places}
     free = [localize_force(scene, place, responses[place.id]) for place in scene.places]

@@ -19,7 +19,7 @@ from rfca_rig.analysis.swings import shifted
 from rfca_rig.diagnosis.data.dataset import THREADS
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.leg.strokes import FlapCondition
-from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
+from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
 from rfca_rig.diagnosis.mechanisms.windows import Motions
 from rfca_rig.diagnosis.pendulums.nuisances import of_pendulum
 from rfca_rig.diagnosis.pendulums.windows import Stretch
@@ -48,7 +48,7 @@ APART = 0.25  # of the knots at which the branches must be two standard deviatio
 
 
 def detect_memory(
-    found: ModelSelectionResult, linear: Linear, supposed: Any, table: LawTable, plausible: float, slopes: Floats
+    found: ModelSelectionResult, linear: LinearModel, supposed: Any, table: LawTable, plausible: float, slopes: Floats
 ) -> MemoryTest:
     """The two branches of the law in `table`, which acts in what is `supposed`; `linear` is the hypothesis with the law around that.
 
@@ -61,7 +61,7 @@ def detect_memory(
     best, root = None, np.empty(0)
     for size, roughness in product(SIZES, ROUGHNESS):
         tried = root_of(knots, size * plausible, roughness)
-        posterior = laplace_posterior(Linear(linear.target, np.column_stack([linear.jacobian, responses @ tried])), whitening)
+        posterior = laplace_posterior(LinearModel(linear.target, np.column_stack([linear.jacobian, responses @ tried])), whitening)
         if best is None or posterior.log_evidence > best.log_evidence:
             best, root = posterior, tried
     assert best is not None

@@ -18,7 +18,7 @@ from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionRe
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities, loo_residuals, products_without
-from rfca_rig.diagnosis.likelihood.laplace import Linear
+from rfca_rig.diagnosis.likelihood.laplace import LinearModel
 from rfca_rig.diagnosis.residual_force.law import LawArgument, MeasuredLaw
 from rfca_rig.diagnosis.residual_force.law_arguments import (
     arguments_at,
@@ -48,7 +48,7 @@ STEP = 1e-4  # of a prior deviation: for what the base law of the model does wit
 
 
 @dataclass(frozen=True)
-class Start:
+class LawStart:
     """Where a fit begins: the unknowns of the base (p,), and the values of the law for an argument at its knots, None for no law of it."""
 
     x: Floats
@@ -87,7 +87,7 @@ class TableTerm(EffectTerm):
 
 
 def measure_law(
-    found: ModelSelectionResult, place: str, base: Hypothesis, arguments: Sequence[str] = (), start: Start | None = None
+    found: ModelSelectionResult, place: str, base: Hypothesis, arguments: Sequence[str] = (), start: LawStart | None = None
 ) -> MeasuredLaw:
     """The law at a place for the argument that predicts held-out conditions best.
 
@@ -117,7 +117,11 @@ def measure_law(
 
 
 def measure_best_law(
-    found: ModelSelectionResult, arguments: Sequence[LawArgument], base: Hypothesis, start: Start | None = None, renew_range: bool = False
+    found: ModelSelectionResult,
+    arguments: Sequence[LawArgument],
+    base: Hypothesis,
+    start: LawStart | None = None,
+    renew_range: bool = False,
 ) -> MeasuredLaw:
     """The same for arguments of any kind of rig, all at one place.
 
@@ -166,14 +170,14 @@ def base_without(found: ModelSelectionResult, hypothesis: Hypothesis, effect: st
 
 
 def fit_law(
-    found: ModelSelectionResult, argument: LawArgument, base: Hypothesis, start: Start | None = None, renew_range: bool = False
+    found: ModelSelectionResult, argument: LawArgument, base: Hypothesis, start: LawStart | None = None, renew_range: bool = False
 ) -> MeasuredLaw | None:
     """The law of one argument over its range in the motion of the base, with `renew_range` fitted again over that with the law.
 
     None where the argument hardly changes, or where the model has no answer.
     """
     # what is missing may have drawn the nuisance parameters away, so a fit also begins at their prior means
-    starts = [(STRAIGHT, Start(x, lambda _, knots: np.zeros(len(knots)))) for x in (base.fitted.x, base.fitted.at_prior_means)]
+    starts = [(STRAIGHT, LawStart(x, lambda _, knots: np.zeros(len(knots)))) for x in (base.fitted.x, base.fitted.at_prior_means)]
     if start is not None:
         starts.append((FREE, start))
     fits = _fit(found, argument, base, starts, base)
@@ -183,7 +187,7 @@ def fit_law(
 
 
 def _fit(
-    found: ModelSelectionResult, argument: LawArgument, base: Hypothesis, starts: Sequence[tuple[float, Start]], moving: Hypothesis
+    found: ModelSelectionResult, argument: LawArgument, base: Hypothesis, starts: Sequence[tuple[float, LawStart]], moving: Hypothesis
 ) -> _Fits | None:
     """The law over its range in the motion of `moving`, fitted from starts with the roughness of their first prior."""
     optimizer = GaussNewton(found.dataset, found.likelihood)
@@ -206,11 +210,11 @@ def _fit(
     return _Fits([law for law in laws if law.marginal.log_evidence > laws[0].marginal.log_evidence - NEAR], visited) if laws else None
 
 
-def _start_at(law: Hypothesis) -> Start:
+def _start_at(law: Hypothesis) -> LawStart:
     """Where a fit begins over other knots."""
     term, part = _term_of(law.fitted)
     values = term.values(law.fitted.x[part])
-    return Start(law.fitted.x[: part.start], lambda _, knots: np.interp(knots, term.knots, values))
+    return LawStart(law.fitted.x[: part.start], lambda _, knots: np.interp(knots, term.knots, values))
 
 
 def _term(argument: LawArgument, knots: Floats, size: float, roughness: float) -> TableTerm:
@@ -234,7 +238,7 @@ def _with_likeliest_prior(optimizer: GaussNewton, here: MapFit) -> MapFit:
     for size, roughness in product(SIZES, ROUGHNESS):
         other = _term(term.argument, knots, size, roughness)
         jacobian = np.column_stack([here.jacobian[:, : part.start], slopes @ np.array(other.root)])
-        log_evidence = optimizer.likelihood.evaluate(Linear(target, jacobian)).log_evidence
+        log_evidence = optimizer.likelihood.evaluate(LinearModel(target, jacobian)).log_evidence
         if log_evidence > most:
             coordinates = here.coordinates.with_terms((*here.coordinates.choices[:-1], other))
             x = np.append(here.x[: part.start], np.linalg.solve(np.array(other.root), law))
@@ -321,7 +325,7 @@ def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
     logs, moments = [], []
     for size, roughness in product(SIZES, ROUGHNESS):
         other = _root(term.argument, knots, size, roughness)
-        judged = found.likelihood.evaluate(Linear(linear.target, np.column_stack([linear.jacobian[:, : part.start], slopes @ other])))
+        judged = found.likelihood.evaluate(LinearModel(linear.target, np.column_stack([linear.jacobian[:, : part.start], slopes @ other])))
         turn = _to_values(len(estimate), part, other)
         off = turn @ judged.posterior.mean - estimate
         logs.append(judged.log_evidence)

@@ -14,16 +14,16 @@ from scipy.special import chdtrc
 from rfca_rig.diagnosis.data.observations import Observations
 from rfca_rig.diagnosis.inference.map_fit import MapFit
 from rfca_rig.diagnosis.likelihood.covariance import factored
-from rfca_rig.diagnosis.likelihood.laplace import Linear, laplace_posterior
+from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood
-from rfca_rig.diagnosis.result import Cell, Located
+from rfca_rig.diagnosis.result import Located, MapCell
 
 Floats = NDArray[np.float64]
 
 CHANCE = 0.01  # family-wise
 
 
-def locate_mismatch(rows: Observations, fit: MapFit, likelihood: MarginalLikelihood) -> tuple[tuple[Cell, ...], tuple[Located, ...]]:
+def locate_mismatch(rows: Observations, fit: MapFit, likelihood: MarginalLikelihood) -> tuple[tuple[MapCell, ...], tuple[Located, ...]]:
     """The whole map, and the places where chance and all allowances do not explain the difference, worst first."""
     covariance = likelihood.usual.covariance() + fit.jacobian @ fit.jacobian.T
     apart = rows.measured - fit.predicted
@@ -58,7 +58,7 @@ def lone_channel(rows: Observations, nothing: MapFit, likelihood: MarginalLikeli
 DEPARTS, AGREES = 1.6, 1.2  # mean square over what is expected
 
 
-def _misfit(linear: Linear, covariance: Floats, kept: NDArray[np.bool_]) -> float:
+def _misfit(linear: LinearModel, covariance: Floats, kept: NDArray[np.bool_]) -> float:
     found = laplace_posterior(linear.kept(kept), factored(covariance[np.ix_(kept, kept)]))
     return found.chi2 / int(kept.sum())
 
@@ -68,10 +68,10 @@ def _cells(rows: Observations) -> list[NDArray[np.intp]]:
     return [np.flatnonzero((keys == key[:, None]).all(axis=0)) for key in np.unique(keys, axis=1).T]
 
 
-def _describe_cell(rows: Observations, apart: Floats, covariance: Floats, of: NDArray[np.intp]) -> Cell:
+def _describe_cell(rows: Observations, apart: Floats, covariance: Floats, of: NDArray[np.intp]) -> MapCell:
     label, part = rows.labels[rows.label[of[0]]], apart[of]
     sigmas = float(np.sqrt(np.mean(part**2 / np.diag(covariance)[of])))
-    return Cell(label.signal, label.experiment, str(rows.phase[of[0]]), label.condition, float(np.sqrt(np.mean(part**2))), sigmas)
+    return MapCell(label.signal, label.experiment, str(rows.phase[of[0]]), label.condition, float(np.sqrt(np.mean(part**2))), sigmas)
 
 
 def _chance(apart: Floats, covariance: Floats, of: NDArray[np.intp]) -> float:

@@ -17,7 +17,7 @@ from rfca_rig.diagnosis.config import AS_GOOD
 from rfca_rig.diagnosis.data.dataset import THREADS
 from rfca_rig.diagnosis.likelihood.covariance import AtError
 from rfca_rig.diagnosis.residual_force.force_inputs import CHANNELS, ForceInput, NominalCondition, answer
-from rfca_rig.diagnosis.residual_force.force_localization import Scene, System, misfit_of, system_of, systems_without_each
+from rfca_rig.diagnosis.residual_force.force_localization import ForceScene, System, misfit_of, system_of, systems_without_each
 from rfca_rig.diagnosis.residual_force.spline_force import Change
 from rfca_rig.diagnosis.residual_force.terms import Term, library_of, signals_of
 from rfca_rig.model.laws import HINGE, LawUse
@@ -65,7 +65,7 @@ class _Library:
     per: Floats
 
 
-def sparse_laws(scene: Scene, places: Sequence[tuple[ForceInput, Sequence[Floats]]]) -> list[SparseLaw]:
+def sparse_laws(scene: ForceScene, places: Sequence[tuple[ForceInput, Sequence[Floats]]]) -> list[SparseLaw]:
     """The law at each place, given with its responses per bump, one (m, count) for each condition; at its likeliest model error."""
     libraries = [_library(scene, place, blocks) for place, blocks in places]
     found = [SparseLaw()] * len(libraries)
@@ -75,7 +75,7 @@ def sparse_laws(scene: Scene, places: Sequence[tuple[ForceInput, Sequence[Floats
     return found
 
 
-def _library(scene: Scene, place: ForceInput, blocks: Sequence[Floats]) -> _Library:
+def _library(scene: ForceScene, place: ForceInput, blocks: Sequence[Floats]) -> _Library:
     terms = library_of(place.id)
     signals = [signals_of(here) for here in scene.conditions]
     courses = [[term.course(one) for term in terms] for one in signals]
@@ -88,7 +88,7 @@ def _library(scene: Scene, place: ForceInput, blocks: Sequence[Floats]) -> _Libr
     return _Library(place, terms, _stacked(scene, [columns[i : i + count] for i in range(0, len(columns), count)]), per)
 
 
-def _law(scene: Scene, library: _Library, whitening: AtError, votes: Floats) -> SparseLaw:
+def _law(scene: ForceScene, library: _Library, whitening: AtError, votes: Floats) -> SparseLaw:
     kept = [int(k) for k in np.argsort(-votes, kind="stable")[:AT_MOST] if votes[k] >= KEPT_IN - 1e-9]
     if not kept:
         return SparseLaw()
@@ -104,7 +104,7 @@ def _law(scene: Scene, library: _Library, whitening: AtError, votes: Floats) -> 
     return SparseLaw(terms, gained - len(kept) * float(np.log(len(library.terms))), 1.0 - sum(left.values()) / sum(before.values()))
 
 
-def _votes(scene: Scene, library: _Library, whitening: AtError) -> Floats:
+def _votes(scene: ForceScene, library: _Library, whitening: AtError) -> Floats:
     """In which share of the fits without one condition each term is chosen, (k,)."""
     votes = np.zeros(len(library.terms))
     for system in systems_without_each(scene, whitening, library.responses):
@@ -112,7 +112,7 @@ def _votes(scene: Scene, library: _Library, whitening: AtError) -> Floats:
     return votes
 
 
-def _stacked(scene: Scene, responses: Sequence[Sequence[Floats]]) -> Floats:
+def _stacked(scene: ForceScene, responses: Sequence[Sequence[Floats]]) -> Floats:
     """The terms' responses of every condition, each in its own rows, (m, terms)."""
     found = np.empty((len(scene.target), len(responses[0])))
     for number, columns in enumerate(responses):

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.residual_force.catalogue_curve import catalogue_curve
 from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, StatedLaw
-from rfca_rig.diagnosis.residual_force.measured_law import Start, base_without, measure_law
+from rfca_rig.diagnosis.residual_force.measured_law import LawStart, base_without, measure_law
 from rfca_rig.errors import BadInput
 from rfca_rig.model.families import families_of
 
@@ -69,7 +69,7 @@ def measure_stated_law(found: ModelSelectionResult, hypothesis: Hypothesis, plac
     def values(argument: str, u: Floats) -> Floats | None:
         return np.asarray(sum(known)) if (known := list(curves(argument, u).values())) else None
 
-    law = measure_law(found, place, base, start=Start(np.delete(mean, of_acting), values) if acting else None)
+    law = measure_law(found, place, base, start=LawStart(np.delete(mean, of_acting), values) if acting else None)
     u = np.linspace(*law.visited, CURVE_POINTS)
     drawn = next((CatalogueCurve(name, u, curve) for name, curve in curves(law.argument, u).items()), None)
     return StatedLaw(law, tuple(acting), drawn)

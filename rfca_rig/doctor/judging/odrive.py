@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 from rfca_rig.codecs import odrive_meanings, odrive_older_meanings
 from rfca_rig.codecs.odrive_meanings import state_text
-from rfca_rig.codecs.odrive_messages import BROADCAST_NODE, AxisState, Dialect, Heartbeat, PartError
+from rfca_rig.codecs.odrive_messages import BROADCAST_NODE, AxisState, Heartbeat, OdriveFirmware, PartError
 from rfca_rig.doctor.finding import Finding, green, listed, red, yellow
 
 DRIVE, ERROR, ENCODER, TORQUE = "drive", "drive error", "drive's encoder", "drive's torque"
 REFUSED, WORTH_A_WORD = 2.0, 1.2  # a period off by this factor
 SAVE = "odrv0.save_configuration()"
-WATCHDOG = {Dialect.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, Dialect.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
-ERROR_TEXT = {Dialect.V0_5: odrive_older_meanings.error_text, Dialect.V0_6: odrive_meanings.error_text}
+WATCHDOG = {OdriveFirmware.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, OdriveFirmware.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
+ERROR_TEXT = {OdriveFirmware.V0_5: odrive_older_meanings.error_text, OdriveFirmware.V0_6: odrive_meanings.error_text}
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class OdriveWanted:
 
     node_id: int
     encoder_period_s: float
-    dialect: Dialect = Dialect.V0_6
+    dialect: OdriveFirmware = OdriveFirmware.V0_6
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def _identity(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
     firmware = "" if seen.firmware is None else f", firmware {seen.firmware}"
     others = f"; also heard node {listed(seen.others)}" if seen.others else ""
     said = f"ODrive, node {wanted.node_id}{firmware}{others}"
-    if wanted.dialect == Dialect.V0_5 and seen.firmware is not None:
+    if wanted.dialect == OdriveFirmware.V0_5 and seen.firmware is not None:
         return red(DRIVE, f"{said}: only firmware 0.6 tells its version", 'put dialect = "0.6" under [motor]')
     return green(DRIVE, said)
 
@@ -108,15 +108,15 @@ def _encoder(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
 def _torque(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
     if seen.torques:
         return green(TORQUE, "reported")
-    message = "iq" if wanted.dialect == Dialect.V0_5 else "torques"
+    message = "iq" if wanted.dialect == OdriveFirmware.V0_5 else "torques"
     fix = (
         "set its period, in odrivetool:"
-        if wanted.dialect == Dialect.V0_5
+        if wanted.dialect == OdriveFirmware.V0_5
         else 'put dialect = "0.5" if its firmware is, else in odrivetool:'
     )
     return red(TORQUE, f"no {message} messages", fix, _set(message, 1e3 * wanted.encoder_period_s, wanted), SAVE)
 
 
 def _set(message: str, period_ms: float, wanted: OdriveWanted) -> str:
-    infix = "" if wanted.dialect == Dialect.V0_5 else "_msg"
+    infix = "" if wanted.dialect == OdriveFirmware.V0_5 else "_msg"
     return f"odrv0.axis0.config.can.{message}{infix}_rate_ms = {round(period_ms)}"

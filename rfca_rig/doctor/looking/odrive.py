@@ -9,12 +9,12 @@ from rfca_rig.codecs import cansimple
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.odrive_messages import (
     AxisState,
-    Command,
-    Dialect,
     EncoderEstimates,
     Heartbeat,
     Iq,
     Message,
+    OdriveCommand,
+    OdriveFirmware,
     PartError,
     Torques,
     Version,
@@ -23,14 +23,14 @@ from rfca_rig.doctor.judging.odrive import OdriveSeen, OdriveWanted
 from rfca_rig.doctor.looking.can_bus import LISTEN_S, HeardFrame, Listener, period_s
 
 ANSWER_S = 0.1
-TELLING = frozenset({Command.HEARTBEAT, Command.ENCODER_ESTIMATES})  # what only a drive says, and says unasked
+TELLING = frozenset({OdriveCommand.HEARTBEAT, OdriveCommand.ENCODER_ESTIMATES})  # what only a drive says, and says unasked
 
 
 def look_for_odrive(listener: Listener, wanted: OdriveWanted) -> OdriveSeen:
     listener.listen(LISTEN_S)
     first = odrive_seen(listener.frames, wanted)
     if first.beat is not None and first.beat.state == AxisState.IDLE:  # any frame feeds the watchdog of a drive that runs
-        listener.ask(_question(cansimple.request(wanted.node_id, Command.VERSION)))
+        listener.ask(_question(cansimple.request(wanted.node_id, OdriveCommand.VERSION)))
         for part in first.beat.failed:
             listener.ask(_question(cansimple.request(wanted.node_id, cansimple.PART_COMMANDS[part])))
         listener.listen(ANSWER_S)
@@ -87,7 +87,7 @@ def _take(ears: _Ears, heard: HeardFrame, wanted: OdriveWanted) -> None:
         ears.strangers += 1
 
 
-def _decoded(ears: _Ears, message: can.Message, dialect: Dialect) -> Message | None:
+def _decoded(ears: _Ears, message: can.Message, dialect: OdriveFirmware) -> Message | None:
     try:
         return cansimple.decode(message.arbitration_id, message.data, dialect)
     except MalformedFrame as error:
@@ -103,7 +103,7 @@ def _hear(ears: _Ears, heard: HeardFrame, message: Message | None, wanted: Odriv
             ears.beat = message
         case Torques():
             ears.torques += 1
-        case Iq() if wanted.dialect == Dialect.V0_5:
+        case Iq() if wanted.dialect == OdriveFirmware.V0_5:
             ears.torques += 1
         case Version():
             ears.firmware = ".".join(map(str, message.firmware))
