@@ -101,7 +101,7 @@ def _sensor(root: Xml.Element) -> TransducerCalibration:
     gages = _text(root, "NumGages")
     if gages != str(GAGES):
         raise MalformedFrame(f"NumGages is {gages!r}, only transducers of {GAGES} gages are known")
-    calibrations = root.findall("TransducerCalibration")
+    calibrations = root.findall("Calibration")
     if len(calibrations) != 1:
         raise MalformedFrame(f"holds {len(calibrations)} <Calibration> elements, expected one; keep the one of the range in use")
     element = calibrations[0]

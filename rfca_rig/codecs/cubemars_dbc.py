@@ -50,7 +50,7 @@ def servo_dbc(drive_id: int = 1) -> str:
         Packet.CURRENT_BRAKE: (4, [_signal("Current", 7, 32, "-", 1e-3, 0.0, "A")]),
         Packet.SPEED: (4, [_signal("Speed", 7, 32, "-", 1.0, 0.0, "ERPM")]),
         Packet.POSITION: (4, [position]),
-        Packet.ORIGIN: (1, [_signal("OriginMode", 7, 8, "+", 1.0, 0.0, "")]),
+        Packet.ORIGIN: (1, [_signal("Origin", 7, 8, "+", 1.0, 0.0, "")]),
         Packet.POSITION_SPEED: (
             8,
             [
@@ -69,7 +69,7 @@ def servo_dbc(drive_id: int = 1) -> str:
     ]
     messages = [_message(_servo_id(p, drive_id), f"Set_{p.name}", size, "host", *s) for p, (size, s) in commands.items()]
     messages.append(_message(_servo_id(Packet.STATUS, drive_id), "Status", 8, "drive", *status))
-    meanings = _values(_servo_id(Packet.ORIGIN, drive_id), "OriginMode", {origin.value: origin.name.lower() for origin in OriginMode})
+    meanings = _values(_servo_id(Packet.ORIGIN, drive_id), "Origin", {origin.value: origin.name.lower() for origin in OriginMode})
     return _HEAD + "".join(messages) + meanings + _values(_servo_id(Packet.STATUS, drive_id), "Error", {0: "none", **ERRORS})
 
 
