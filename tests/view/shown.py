@@ -52,9 +52,12 @@ def one_page_shown() -> Iterator[Shown]:
         yield Shown(server, watched.page, watched)
 
 
-def painted(page: Page) -> None:
-    """Returns when what was sent is drawn."""
-    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(done))))")
+def painted(shown: Shown) -> None:
+    """Returns when what was sent is drawn: messages come in order, so the page has them all once it has the last one."""
+    shown.server.say({**shown.server.state, "serial": time.monotonic()})
+    shown.page.wait_for_function("serial => rfcaView.shown.state.serial === serial", arg=shown.server.state["serial"])
+    frames = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(done))))"
+    shown.page.evaluate(frames)
 
 
 def heard(shown: Shown, kind: str) -> list[dict[str, Any]]:

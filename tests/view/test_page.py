@@ -45,7 +45,7 @@ class TestTraces:
         peaked = flat(3.0)
         peaked[640] = (3.0, 187.0)
         shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=peaked))
-        painted(shown.page)
+        painted(shown)
         rows = inked_rows(shown.page, "force", 640.5 * DT_S, BLUE)
         assert max(rows) == pytest.approx(187.0, abs=4.0)
         assert min(rows) == pytest.approx(3.0, abs=4.0)
@@ -54,7 +54,7 @@ class TestTraces:
     def test_the_room_between_least_and_most_is_filled(self, show):
         shown = show()
         shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=[(-60.0, -20.0)] * 1000))
-        painted(shown.page)
+        painted(shown)
         pale = tuple(round(255 + (part - 255) * 0x59 / 255) for part in BLUE)
         inside = [row for row in inked_rows(shown.page, "force", 4.004, pale) if -58.0 < row < -22.0]
         assert len(inside) > 40  # pixels; a fill to zero would reach above as well
@@ -64,7 +64,7 @@ class TestTraces:
         shown = show()
         for frame in range(30):
             shown.server.say(messages.trace(frame * 0.4, DT_S, reset=not frame, fz_N=flat(float(frame), 50)))
-        painted(shown.page)
+        painted(shown)
         from_s, to_s, kept = shown.page.evaluate("[rfcaView.traces.fromS, rfcaView.traces.toS, rfcaView.shown.buckets.t]")
         assert (from_s, to_s) == pytest.approx((4.0, 12.0))
         assert max(b - a for a, b in pairwise(kept)) == pytest.approx(DT_S)
@@ -74,7 +74,7 @@ class TestTraces:
     def test_what_is_sent_again_after_a_seek_takes_the_place_of_what_was_there(self, show):
         shown = show()
         shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=flat(5.0)), messages.trace(40.0, DT_S, reset=True, fz_N=flat(-30.0)))
-        painted(shown.page)
+        painted(shown)
         assert shown.page.evaluate("rfcaView.shown.buckets.t.length") == 1000
         assert shown.page.evaluate("rfcaView.traces.toS") == pytest.approx(48.0)
 
@@ -84,21 +84,21 @@ class TestTraces:
         values = flat(10.0)
         values[500 : 500 + buckets_without] = [None] * buckets_without
         shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=values))
-        painted(shown.page)
+        painted(shown)
         middle_s = (500 + buckets_without / 2) * DT_S
         assert (inked_rows(shown.page, "force", middle_s, BLUE) == []) == is_a_gap
 
     def test_the_legend_says_value_unit_and_extremes_and_hides_a_channel(self, show):
         shown = show()
         shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=[(-54.97, -54.0), *flat(3.11, 999)]))
-        painted(shown.page)
+        painted(shown)
         panel = shown.page.locator(".panel[data-plot=force]")
         expect(panel.locator("h2")).to_have_text("Force (N)")
         reading = panel.get_by_role("button", name="fz")
         expect(reading).to_contain_text("3.11")
         expect(reading).to_contain_text("\N{MINUS SIGN}55.0 … 3.11")
         reading.click()
-        painted(shown.page)
+        painted(shown)
         assert inked_rows(shown.page, "force", 4.0, BLUE) == []
         expect(reading).to_have_attribute("aria-pressed", "false")
         reading.click()
@@ -114,7 +114,7 @@ class TestLeg:
     def test_leg_ghost_floor_and_force_stand_where_they_are(self, show):
         shown = show()
         shown.server.say(messages.leg())
-        painted(shown.page)
+        painted(shown)
         points = shown.page.locator("#leg-picture .leg").get_attribute("points").split()
         assert [tuple(map(float, point.split(","))) for point in points] == [
             pytest.approx((1e3 * y, 1e3 * z), abs=0.01) for y, z in messages.leg()["leg"]
@@ -127,7 +127,7 @@ class TestLeg:
         shown = show()
         touching = messages.leg(leg=[[0.0, 0.0], [0.0, 0.215]] * 4, force=[-30.0, -40.0])
         shown.server.say(touching)
-        painted(shown.page)
+        painted(shown)
         start, tip = re.match(r"M(\S+ \S+)L(\S+ \S+)M", shown.page.locator("#leg-picture .force").get_attribute("d")).groups()
         (y0, z0), (y1, z1) = (tuple(map(float, text.split())) for text in (start, tip))
         assert (y0, z0) == (0.0, 215.0)
@@ -138,7 +138,7 @@ class TestLeg:
     def test_what_is_guessed_looks_guessed(self, show):
         shown = show()
         shown.server.say(messages.leg(source="shaft only", ghost=None, force=None))
-        painted(shown.page)
+        painted(shown)
         expect(shown.page.locator("#leg-picture .leg")).to_have_class("leg guessed")
         expect(shown.page.locator("#leg-key")).to_contain_text("only the shaft is known")
         expect(shown.page.locator("#leg-picture .force")).to_have_attribute("d", "")
@@ -221,9 +221,10 @@ class TestState:
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (1920, 1080), (820, 1180), (1180, 820)])
 def test_nothing_runs_out_of_the_page_at_any_size(show, width, height):
-    page = show().page
+    shown = show()
+    page = shown.page
     page.set_viewport_size({"width": width, "height": height})
-    painted(page)
+    painted(shown)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     for part in ("#mark", "#stop-safe", "#stop-now", "#traces", "#leg", "#limits", "#stages", "#health"):
         box = page.locator(part).bounding_box()
