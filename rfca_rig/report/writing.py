@@ -136,7 +136,7 @@ def write_report(
     """Compares, draws, and writes all files into `out_dir`, which is made where it is not there.
 
     Every recording is held against the model it was believed to follow, or all against the `given` one. `shaft` says how the
-    simulated shaft turns, see `analysis.counterpart`. The same input gives the same bytes. Nothing is written before everything is
+    simulated shaft turns, see `analysis.matched_simulation`. The same input gives the same bytes. Nothing is written before everything is
     computed. Raises BadInput, SimulationFailed, and RigError where the disk refuses.
     """
     told = origin or untold(recordings)

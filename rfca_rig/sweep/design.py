@@ -33,7 +33,7 @@ class SweepCase:
         return replace(self.rig, leg=leg if self.links is None else with_links(leg, self.links))
 
     def cell_m(self) -> float:
-        """The length of strip that each hinge stands for; see `model.relinking`. Raises BadInput."""
+        """The length of strip that each hinge stands for; see `model.rediscretize`. Raises BadInput."""
         leg = self._leg()
         hinges = len(leg.link_lengths_m) - 1
         return cell_m(leg) * (1.0 if self.links is None else hinges / (self.links - 1))

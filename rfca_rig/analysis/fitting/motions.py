@@ -51,7 +51,7 @@ class StrokeMotion:
 def turns_of(condition: Condition, shaft: Shaft, ramp_s: float, end_s: float) -> tuple[tuple[StrokeMotion, ...], tuple[int, ...]]:
     """The turns of a condition, each to `end_s`, and for each of its strokes which of them is its own.
 
-    `shaft` as in `analysis.counterpart`. With "recorded", repeats whose smoothed turns differ by less than 0.5 mrad share the first
+    `shaft` as in `analysis.matched_simulation`. With "recorded", repeats whose smoothed turns differ by less than 0.5 mrad share the first
     one's; a stroke whose shaft angle was not recorded turns at its average speed.
     """
     before = condition.strokes_before

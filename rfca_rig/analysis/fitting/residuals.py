@@ -152,7 +152,7 @@ def problem_of(
     """All strokes of the conditions that have a valley, to be fitted within `window`.
 
     `noise_std` is the sensor's, per channel; where it is not stated the noise is taken from neighbouring samples. `shaft` as in
-    `analysis.counterpart`. Raises BadInput where no stroke can be used.
+    `analysis.matched_simulation`. Raises BadInput where no stroke can be used.
     """
     turns: list[StrokeMotion] = []
     strokes: list[MeasuredStroke] = []
