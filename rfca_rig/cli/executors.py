@@ -1,18 +1,18 @@
 """Who does the work of a command that consists of many simulations: options, and the executor they ask for."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rfca_rig.progress import Told
+
 if TYPE_CHECKING:
     from rfca_rig.executors.base import TaskExecutor
     from rfca_rig.executors.environment import Facts
-
-Told = Callable[[str, int, int], None]
 
 Workers = Annotated[
     int | None, typer.Option("--workers", metavar="N", min=1, max=1024, help="Processes of one thread each; one per core if not given.")

@@ -1,4 +1,4 @@
-"""The plan before anything moves: held against the limits with what the model expects of it, and printed."""
+"""The plan before anything moves: checked against the limits with the loads that the model predicts, and printed."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -134,15 +134,15 @@ def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None
     turns_rad = TURN_RAD * round((target_rad - stage.angle_rad) / TURN_RAD)
     sink.begin(stage)
     sink.start(start_s, turns_rad)
-    exposure = PhotoCapture(camera if timing.photo_limit_s > 0 else None, loop.now_s, timing.photo_limit_s)
+    capture = PhotoCapture(camera if timing.photo_limit_s > 0 else None, loop.now_s, timing.photo_limit_s)
     with loop.recorded(sink.take) as collector:
         _stand(loop, target_rad, timing.average_s)
-    while exposure.is_under_way(loop.now_s):
+    while capture.is_under_way(loop.now_s):
         loop.to_angle(target_rad, 0.0, HOLD_PERIOD_S)
     shaft = collector.shaft()
     if not len(shaft.angle_rad):
         raise Tripped(Trip.ENCODER_SILENT, f"no report of the shaft's angle in the {timing.average_s:g} s of {stage.label}")
-    return Recorded(shaft, collector.force(), start_s, turns_rad, settled.reached, exposure.photo, exposure.fault, start_s - stopped_s)
+    return Recorded(shaft, collector.force(), start_s, turns_rad, settled.reached, capture.photo, capture.fault, start_s - stopped_s)
 
 
 def _stand(loop: Loop, target_rad: float, duration_s: float) -> None:

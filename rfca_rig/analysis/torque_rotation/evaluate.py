@@ -72,7 +72,8 @@ class _Case:
 
     def splines(self) -> Spline:
         """A form that any curve has, whatever it bears at rest."""
-        angles = self._from_rest()
+        nominal = np.array(self.rig.leg.rest_angles_rad or (0.0,) * self.data.hinges)
+        angles = (self.data.measured[:, : self.data.hinges] - nominal)[self.data.seen]
         return spline_over(angles, int(np.clip(len(angles) // ANGLES_PER_PIECE, 1, MOST_PIECES)))
 
     def through_rest(self, law: Recovered) -> list[ThroughRest]:
@@ -83,10 +84,6 @@ class _Case:
         if len(angles) >= ANGLES_NEAR_REST:
             shares.append(NEAR_REST)
         return [through_rest(angles, each) for each in shares]
-
-    def _from_rest(self) -> Floats:
-        nominal = np.array(self.rig.leg.rest_angles_rad or (0.0,) * self.data.hinges)
-        return np.asarray((self.data.measured[:, : self.data.hinges] - nominal)[self.data.seen])
 
 
 def evaluate(recordings: Sequence[Recording], supposed: Supposition, watcher: Watcher = unwatched) -> StaticResult:

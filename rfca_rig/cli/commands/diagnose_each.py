@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from rfca_rig.cli.executors import Told, open_executor
+from rfca_rig.cli.executors import open_executor
+from rfca_rig.progress import Told
 
 if TYPE_CHECKING:
     from rfca_rig.executors.base import TaskExecutor

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli.commands.report import ShaftOption, refuse_leg_options
-from rfca_rig.cli.executors import Cluster, Told, open_executor
+from rfca_rig.cli.executors import Cluster, open_executor
 from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json
 from rfca_rig.cli.writable import out_file
+from rfca_rig.progress import Told
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.fitting.result import FitResult
