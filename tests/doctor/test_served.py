@@ -3,6 +3,8 @@
 import json
 import re
 import time
+from collections.abc import Callable
+from functools import partial
 
 import pytest
 
@@ -52,14 +54,23 @@ DRIVE = ("CAN bus", "drive", "drive error", "drive's encoder", "drive's torque")
 SENSOR = ("sensor's box", "sensor's records", "sensor's rate", "sensor's status")
 
 
+def repeated(look: Callable[[], Said], subjects: tuple[str, ...]) -> Said:
+    """What `look` says once every one of `subjects` is green, or the last of five times.
+
+    The twins of a loaded machine fall behind real time: their rates and losses are then the machine's own affair.
+    """
+    for _ in range(5):
+        said = look()
+        seen = by_subject(said)
+        if all(seen.get(name, {}).get("colour") == "green" for name in subjects):
+            break
+    return said
+
+
 @pytest.mark.realtime
 def test_a_healthy_rig_has_a_green_drive_and_sensor(told):
-    """The clock and the rate of a loaded machine are the machine's own affair, and worth a second look."""
-    for _ in range(3):
-        said = told("--json")
-        seen = by_subject(said)
-        if all(seen.get(name, {}).get("colour") == "green" for name in (*DRIVE, *SENSOR)):
-            break
+    said = repeated(lambda: told("--json"), (*DRIVE, *SENSOR))
+    seen = by_subject(said)
     assert {name: seen[name]["colour"] for name in (*DRIVE, *SENSOR)} == dict.fromkeys((*DRIVE, *SENSOR), "green"), said.out
     assert re.match(r"at [\d.]+ deg, encoder at [\d.]+ turns: is it\?", str(seen["shaft"]["seen"]))
     assert {"receive buffer", "clock", "disk for runs", "python packages", "compiled code"} < seen.keys()
@@ -135,8 +146,10 @@ def test_a_controller_on_a_serial_line_and_a_drive_in_mit_mode_are_looked_at(mon
         text = rig_text().partition("[twin]")[0].replace('kind = "twin"', 'kind = "real"')
         text = text.replace("[motor]\n", '[motor]\ninterface = "socketcand"\n')
         real_file.write_text(text.replace("[force_sensor]\n", f'[force_sensor]\nport = "{server.ports["serial"]}"\n'))
-        seen = by_subject(typed(monkeypatch, capsys, "doctor", "--json", "--rig", real_file, "--runs", tmp_path))
-    for subject in ("CAN bus", "drive", "drive error", "serial port", "sensor", "sensor's rate", "sensor's records"):
+        subjects = ("CAN bus", "drive", "drive error", "serial port", "sensor", "sensor's rate", "sensor's records")
+        look = partial(typed, monkeypatch, capsys, "doctor", "--json", "--rig", real_file, "--runs", tmp_path)
+        seen = by_subject(repeated(look, subjects))
+    for subject in subjects:
         assert seen[subject]["colour"] == "green", seen[subject]
     assert seen["drive"]["seen"].startswith("AK drive 1 in MIT mode")
 
